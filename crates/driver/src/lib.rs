@@ -1,0 +1,1 @@
+//! Registration of photographs to surfaces by mutual information.

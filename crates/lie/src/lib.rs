@@ -1,0 +1,1 @@
+//! Rotations and rigid motions: exponential and logarithm, Jacobians, and the charts optimizers step through.

@@ -1,0 +1,1 @@
+//! Mutual information and related metrics over joint densities, with exact derivatives.

@@ -1,0 +1,1 @@
+//! Solvers on manifolds: objectives, curvature and trust regions for poses and cameras.

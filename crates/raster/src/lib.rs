@@ -1,0 +1,1 @@
+//! A multi-threaded CPU rasterizer that turns meshes into G-buffers.

@@ -1,0 +1,1 @@
+//! Scanned surfaces: loading, validation and the per-vertex signals a photograph can be compared with.

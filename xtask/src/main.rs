@@ -1,0 +1,2 @@
+//! Benchmarks and experiments: `cargo xtask bench NAME`.
+fn main() {}
