@@ -1,1 +1,33 @@
-//! Solvers on manifolds: objectives, curvature and trust regions for poses and cameras.
+//! Maximization on manifolds, for parameters such as camera poses that are no vector space.
+//!
+//! A [`Manifold`] says how a step in its tangent space moves a point, an [`Objective`] gives value, gradient and
+//! curvature with respect to such a step at zero, a [`Solver`] climbs, and a [`Report`] says where it came to, why it
+//! stopped and what every iteration did.
+//!
+//! ```
+//! use nalgebra::{DMatrix, DVector};
+//! use texreg_optim::{Derivatives, Euclidean, LevenbergMarquardt, Objective, Solver};
+//!
+//! /// −‖x − (1, 2)‖²
+//! struct Bowl;
+//! impl Objective<DVector<f64>> for Bowl {
+//!     fn value(&mut self, at: &DVector<f64>) -> Option<f64> {
+//!         Some(-(at - DVector::from_vec(vec![1.0, 2.0])).norm_squared())
+//!     }
+//!     fn derivatives(&mut self, at: &DVector<f64>) -> Derivatives {
+//!         let gradient = -2.0 * (at - DVector::from_vec(vec![1.0, 2.0]));
+//!         Derivatives { gradient, curvature: DMatrix::identity(2, 2) * 2.0 }
+//!     }
+//! }
+//! let start = DVector::from_vec(vec![5.0, -3.0]);
+//! let report = LevenbergMarquardt::default().maximize(&Euclidean(2), &mut Bowl, start, &mut |_| ()).unwrap();
+//! assert!((report.point - DVector::from_vec(vec![1.0, 2.0])).norm() < 1e-6);
+//! ```
+
+mod levenberg_marquardt;
+mod problem;
+mod solver;
+
+pub use levenberg_marquardt::LevenbergMarquardt;
+pub use problem::{Derivatives, Euclidean, Manifold, Objective};
+pub use solver::{Iteration, Report, Solver, Stop};

@@ -1,0 +1,99 @@
+//! Levenberg–Marquardt: D. Marquardt, *An algorithm for least-squares estimation of nonlinear parameters*, SIAM J. 11(2),
+//! 1963, with the damping schedule of H. B. Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05.
+//!
+//! The step solves `(H + λ diag H) s = g` for the gradient `g` and the curvature `H`, so that it does not depend on the
+//! units of the parameters. A step is taken if the objective grows; `λ` follows the ratio of the growth to what the
+//! quadratic model promised.
+
+use crate::{Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
+use nalgebra::{DMatrix, DVector};
+
+/// The Levenberg–Marquardt method for an objective with a positive semidefinite curvature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LevenbergMarquardt {
+    /// The most trial steps.
+    pub iterations: usize,
+    /// The damping `λ` of the first step, relative to the diagonal of the curvature.
+    pub damping: f64,
+    /// Stops when the quadratic model promises a gain below this, in the objective's units.
+    pub gain_tolerance: f64,
+}
+
+impl Default for LevenbergMarquardt {
+    fn default() -> Self {
+        Self { iterations: 50, damping: 1e-3, gain_tolerance: 1e-14 }
+    }
+}
+
+/// Beyond this damping a step is a vanishing gradient step: there is nothing to gain.
+const MAX_DAMPING: f64 = 1e12;
+const MIN_DAMPING: f64 = 1e-9;
+
+impl<Point> Solver<Point> for LevenbergMarquardt {
+    fn maximize(
+        &self,
+        manifold: &dyn Manifold<Point>,
+        objective: &mut dyn Objective<Point>,
+        start: Point,
+        observer: &mut dyn FnMut(&Iteration),
+    ) -> Option<Report<Point>> {
+        let mut point = start;
+        let start = objective.value(&point)?;
+        let mut value = start;
+        let mut derivatives = objective.derivatives(&point);
+        let mut damping = self.damping;
+        let mut growth = 2.0;
+        let mut iterations = Vec::new();
+        let stop = loop {
+            if iterations.len() == self.iterations {
+                break Stop::Exhausted;
+            }
+            if damping > MAX_DAMPING {
+                break Stop::Stalled;
+            }
+            let Some(step) = damped_step(&derivatives, damping) else {
+                damping *= growth;
+                growth *= 2.0;
+                continue;
+            };
+            let promise = promised_gain(&derivatives, &step);
+            if promise < self.gain_tolerance {
+                break Stop::Converged;
+            }
+            let trial = manifold.retract(&point, &step);
+            let trial = trial.and_then(|trial| Some((objective.value(&trial)?, trial)));
+            let trial_value = trial.as_ref().map(|(value, _)| *value);
+            let better = trial.filter(|(trial_value, _)| *trial_value > value);
+            let iteration = Iteration { value: trial_value, step: step.norm(), damping, accepted: better.is_some() };
+            observer(&iteration);
+            iterations.push(iteration);
+            if let Some((trial_value, trial)) = better {
+                let ratio = (trial_value - value) / promise;
+                damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0);
+                damping = damping.max(MIN_DAMPING);
+                growth = 2.0;
+                (point, value) = (trial, trial_value);
+                derivatives = objective.derivatives(&point);
+            } else {
+                damping *= growth;
+                growth *= 2.0;
+            }
+        };
+        Some(Report { point, start, value, stop, iterations })
+    }
+}
+
+/// The solution of `(H + λ diag H) s = g`, or `None` where that matrix is not positive definite.
+fn damped_step(derivatives: &Derivatives, damping: f64) -> Option<DVector<f64>> {
+    let mut damped: DMatrix<f64> = derivatives.curvature.clone();
+    let floor = f64::EPSILON * damped.diagonal().max();
+    for i in 0..damped.nrows() {
+        damped[(i, i)] += damping * damped[(i, i)] + floor;
+    }
+    Some(damped.cholesky()?.solve(&derivatives.gradient)).filter(|step| step.iter().all(|x| x.is_finite()))
+}
+
+/// What the quadratic model `gᵀs − ½ sᵀHs` promises.
+fn promised_gain(derivatives: &Derivatives, step: &DVector<f64>) -> f64 {
+    derivatives.gradient.dot(step) - 0.5 * (&derivatives.curvature * step).dot(step)
+}
