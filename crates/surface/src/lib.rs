@@ -1,1 +1,17 @@
 //! Scanned surfaces: loading, validation and the per-vertex signals a photograph can be compared with.
+//!
+//! [`load`] reads PLY and OBJ files into a [`Mesh`]: triangles over vertices that carry a unit normal and, where the
+//! scanner gave them, a reflectance and a colour. What comes out is safe to compute with: every coordinate is finite,
+//! every index is in range, every normal has length one. What cannot be made so is an [`Error`] of one line that
+//! names the file, the place in it and the cause.
+mod error;
+mod load;
+mod mesh;
+mod normals;
+mod obj;
+mod ply;
+
+pub use error::{Defect, Error, Place};
+pub use load::load;
+pub use mesh::{Attributes, Mesh};
+pub use normals::area_weighted_normals;

@@ -1,0 +1,191 @@
+//! PLY, the Stanford polygon format (G. Turk, 1994): a text header that declares elements and their properties, then
+//! their values as text or binary of either byte order.
+//!
+//! Binary vertices and faces whose records all have one size, as nearly every file's have, are read in bulk by
+//! `binary`; everything else goes record by record through `records`.
+mod binary;
+mod header;
+mod records;
+mod source;
+
+use std::path::Path;
+
+use crate::error::{Defect, Error, Place};
+use crate::mesh::{Attributes, Mesh};
+use header::{Element, Encoding, Header, Kind, Scalar};
+use records::Words;
+pub(crate) use source::Source;
+
+/// Why a file cannot be read, before its name is put to it.
+#[derive(Debug)]
+enum Fault {
+    Io(std::io::Error),
+    Syntax(Place, String),
+    Defect(Option<Place>, Defect),
+}
+
+impl From<Defect> for Fault {
+    fn from(defect: Defect) -> Fault {
+        Fault::Defect(None, defect)
+    }
+}
+
+/// The vertices as read: what the fields of [`Mesh`] say.
+#[derive(Default)]
+struct Vertices {
+    origin: [f64; 3],
+    positions: Vec<[f32; 3]>,
+    attributes: Attributes,
+}
+
+/// Where the vertex element keeps what is wanted: numbers of properties.
+struct Roles {
+    position: [usize; 3],
+    normal: Option<[usize; 3]>,
+    colour: Option<[usize; 3]>,
+    reflectance: Option<usize>,
+}
+
+/// The names under which scanners' programs write reflectance, the most telling first.
+const REFLECTANCE: [&str; 6] = [
+    "reflectance",
+    "intensity",
+    "scalar_Intensity",
+    "scalar_intensity",
+    "scalar_Reflectance",
+    "quality",
+];
+
+impl Roles {
+    fn of(vertex: &Element, header: &Header) -> Result<Roles, Fault> {
+        let find = |name: &str| {
+            vertex
+                .properties
+                .iter()
+                .position(|p| p.name == name && matches!(p.kind, Kind::One(_)))
+        };
+        let three = |names: [&str; 3]| Some([find(names[0])?, find(names[1])?, find(names[2])?]);
+        let position = three(["x", "y", "z"]).ok_or_else(|| {
+            Fault::Syntax(
+                header.end(),
+                "the header declares no vertex properties x, y and z".into(),
+            )
+        })?;
+        Ok(Roles {
+            position,
+            normal: three(["nx", "ny", "nz"]),
+            colour: three(["red", "green", "blue"])
+                .or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"])),
+            reflectance: REFLECTANCE.into_iter().find_map(find),
+        })
+    }
+}
+
+/// What brings a colour of a type to 0…255: integers of 8 bits are it already, wider ones lose their low bits, and
+/// floating-point colours span 0…1.
+fn colour_scale(scalar: Scalar) -> f64 {
+    match scalar {
+        Scalar::F32 | Scalar::F64 => 255.0,
+        Scalar::I16 | Scalar::U16 => 255.0 / 65535.0,
+        _ => 1.0,
+    }
+}
+
+/// Whether a file that begins so is a PLY file.
+pub(crate) fn is_ply(magic: &[u8]) -> bool {
+    magic.starts_with(b"ply\n") || magic.starts_with(b"ply\r")
+}
+
+/// What to say of a file that is named `.ply` and is none.
+pub(crate) fn not_ply(path: &Path, magic: &[u8]) -> Error {
+    let cause = if magic.is_empty() {
+        "the file is empty"
+    } else {
+        "not a PLY file: its first line is not \"ply\""
+    };
+    Error::Syntax {
+        path: path.to_owned(),
+        place: Place::Line(1),
+        cause: cause.into(),
+    }
+}
+
+/// Reads a PLY file; `path` is for messages only.
+pub(crate) fn read(source: &Source, path: &Path) -> Result<Mesh, Error> {
+    read_mesh(source).map_err(|fault| match fault {
+        Fault::Io(source) => Error::Io {
+            path: path.to_owned(),
+            source,
+        },
+        Fault::Syntax(place, cause) => Error::Syntax {
+            path: path.to_owned(),
+            place,
+            cause,
+        },
+        Fault::Defect(place, defect) => Error::Defect {
+            path: path.to_owned(),
+            place,
+            defect,
+        },
+    })
+}
+
+fn read_mesh(source: &Source) -> Result<Mesh, Fault> {
+    let header = header::read(source)?;
+    let missing = |what: &str| {
+        Fault::Syntax(
+            header.end(),
+            format!("the header declares no element \"{what}\""),
+        )
+    };
+    let vertex = header.element("vertex").ok_or_else(|| missing("vertex"))?;
+    let vertices = vertex.count as usize;
+    if vertex.count > u64::from(u32::MAX) {
+        return Err(Defect::TooManyVertices {
+            vertices: vertex.count,
+        }
+        .into());
+    }
+    let Some(face) = header.element("face").filter(|face| face.count > 0) else {
+        let strips = header.element("tristrips").is_some();
+        return Err(if strips {
+            Fault::Syntax(
+                header.end(),
+                "the faces are triangle strips; convert them to triangles first".into(),
+            )
+        } else {
+            Defect::NoFaces { vertices }.into()
+        });
+    };
+    let roles = Roles::of(vertex, &header)?;
+    let corners = face.corners(&header)?;
+    let (vertices, triangles) = match header.encoding {
+        Encoding::Ascii => {
+            records::read(&mut Words::new(source, &header)?, &header, &roles, corners)?
+        }
+        Encoding::Binary(order) => binary::read(source, order, &header, &roles, corners)?,
+    };
+    if triangles.is_empty() {
+        return Err(Defect::NoFaces {
+            vertices: vertices.positions.len(),
+        }
+        .into());
+    }
+    Ok(Mesh::assemble(
+        vertices.origin,
+        vertices.positions,
+        triangles,
+        vertices.attributes,
+    ))
+}
+
+/// The advice that goes with a file that ends too early.
+fn ends_inside(element: &Element, record: u64, end: Place) -> Fault {
+    let Element { name, count, .. } = element;
+    Fault::Syntax(
+        end,
+        format!(
+            "the file ends inside {name} {record} of {count}; it is cut short, copy or export it again"
+        ),
+    )
+}
