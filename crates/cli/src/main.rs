@@ -1,2 +1,41 @@
-//! The command line of texreg.
-fn main() {}
+//! The command line of texreg: it reads arguments and files, calls the driver and writes what comes back.
+//!
+//! Exit statuses: 0 when all photos are registered, 1 for an error told in one line, 2 for wrong usage (clap's),
+//! 3 when the run finished but a photo is uncertain or failed.
+
+mod args;
+mod evaluate;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+use crate::args::{Args, Command};
+
+/// How a run that met no error ended.
+enum Ending {
+    /// Every photo is as it should be.
+    Good,
+    /// Some photo is uncertain, failed or off.
+    Doubtful,
+}
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(Ending::Good) => ExitCode::SUCCESS,
+        Ok(Ending::Doubtful) => ExitCode::from(3),
+        Err(error) => {
+            eprintln!("error: {}", format!("{error:#}").replace('\n', " "));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> anyhow::Result<Ending> {
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
+    }
+    match &args.command {
+        Command::Evaluate(evaluate) => evaluate::run(evaluate, args.json),
+    }
+}
