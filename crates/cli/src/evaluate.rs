@@ -1,7 +1,7 @@
 //! `texreg evaluate`: scores cameras against the true ones.
 
 use serde_json::json;
-use texreg::driver::{Score, base_name, read_cameras, read_truth, score};
+use texreg::driver::{Score, TruePhoto, base_name, read_cameras, read_truth, score};
 
 use crate::Ending;
 use crate::args::Evaluate;
@@ -9,7 +9,7 @@ use crate::args::Evaluate;
 pub(crate) fn run(args: &Evaluate, json: bool) -> anyhow::Result<Ending> {
     let truth = read_truth(&args.truth)?;
     let cameras = read_cameras(&args.cameras)?;
-    let score = |photo: &_| {
+    let score = |photo: &TruePhoto| {
         let entry = cameras.entry(base_name(&photo.file))?;
         let size = [photo.view.camera.width, photo.view.camera.height];
         Some(score(photo, truth.diagonal, &entry.view(size)))

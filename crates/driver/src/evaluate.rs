@@ -57,7 +57,9 @@ pub struct Score {
 pub fn read_truth(path: &Path) -> Result<Truth, FileError> {
     let lacking = |what: &str| FileError {
         path: path.to_owned(),
-        cause: format!("{what} is missing or malformed; a file of true cameras has bbox_diagonal, and width, height and visible_points in each entry"),
+        cause: format!(
+            "{what} is missing or malformed; a file of true cameras has bbox_diagonal, and width, height and visible_points in each entry"
+        ),
     };
     let CameraFile { photos, mut other } = read_cameras(path)?;
     let diagonal = other.get("bbox_diagonal").and_then(serde_json::Value::as_f64);

@@ -363,7 +363,9 @@ impl<'a> Fields<'a> {
             return Err(self.error("R", "is not a rotation: its rows are not perpendicular and of length 1"));
         }
         if r.determinant() < 0.0 {
-            return Err(self.error("R", "mirrors (determinant -1): the camera's axes must be x right, y down, z forward"));
+            return Err(
+                self.error("R", "mirrors (determinant -1): the camera's axes must be x right, y down, z forward")
+            );
         }
         so3::nearest(&r).ok_or_else(|| self.error("R", "is not a rotation"))
     }

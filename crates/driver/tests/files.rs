@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use nalgebra::{Point3, Rotation3, Vector3};
 use serde_json::json;
 use texreg_camera::{Camera, Distortion, View};
-use texreg_driver::{CameraEntry, CameraFile, LensFile, read_cameras, read_lenses, read_pairs, write_atomic, write_cameras};
+use texreg_driver::{
+    CameraEntry, CameraFile, LensFile, read_cameras, read_lenses, read_pairs, write_atomic, write_cameras,
+};
 use texreg_lie::Pose;
 
 fn view() -> View {
@@ -46,8 +48,9 @@ fn what_is_left_out_takes_its_value_from_the_photo() {
     let (_folder, path) = file(r#"{"K": {"fx": 700}}"#);
     let LensFile::Shared(lens) = read_lenses(&path).unwrap() else { panic!("one lens for all photos") };
     assert_eq!(lens.camera([101, 51]), Camera::ideal(101, 51, 700.0));
-    let (_folder, path) =
-        file(r#"{"photos": [{"file": "in/a.jpg", "K": [[700, 2, 49], [0, 710, 26], [0, 0, 1]], "distortion": [0.1]}]}"#);
+    let (_folder, path) = file(
+        r#"{"photos": [{"file": "in/a.jpg", "K": [[700, 2, 49], [0, 710, 26], [0, 0, 1]], "distortion": [0.1]}]}"#,
+    );
     let lenses = read_lenses(&path).unwrap();
     let camera = lenses.lens("a.jpg").unwrap().camera([101, 51]);
     let k = camera.intrinsics;
@@ -84,7 +87,10 @@ fn a_mistake_is_told_with_file_photo_and_field() {
         (r#"{"photos": [{}]}"#, vec!["photo number 1", "field file"]),
         (&format!(r#"{{"photos": [{photo}, {{"file": "b.jpg"}}]}}"#), vec!["photo b.jpg", "field K"]),
         (&format!(r#"{{"photos": [{}]}}"#, photo.replace(r#""fx": 1"#, r#""fx": "1""#)), vec!["a.jpg", "field K.fx"]),
-        (&format!(r#"{{"photos": [{}]}}"#, photo.replace(r#""fx": 1"#, r#""fx": 0"#)), vec!["a.jpg", "field K", "positive"]),
+        (
+            &format!(r#"{{"photos": [{}]}}"#, photo.replace(r#""fx": 1"#, r#""fx": 0"#)),
+            vec!["a.jpg", "field K", "positive"],
+        ),
         (&format!(r#"{{"photos": [{}]}}"#, photo.replace("0, 0, 1]}", "0, null, 1]}")), vec!["a.jpg", "field T[1]"]),
         (&format!(r#"{{"photos": [{}]}}"#, photo.replace("0, 0, 1]}", "0, NaN, 1]}")), vec!["not JSON"]),
     ] {
