@@ -69,9 +69,7 @@ pub enum Defect {
         vertices: usize,
     },
     /// A coordinate is NaN or infinite.
-    #[error(
-        "vertex {vertex} has the coordinate {value}, which is not finite; remove or repair the vertex"
-    )]
+    #[error("vertex {vertex} has the coordinate {value}, which is not finite; remove or repair the vertex")]
     NotFinite {
         /// The vertex, counted from zero.
         vertex: usize,
@@ -79,9 +77,7 @@ pub enum Defect {
         value: f64,
     },
     /// The model is so large that its coordinates do not fit single precision.
-    #[error(
-        "the model is {extent:e} units wide, more than single precision holds; choose a larger unit"
-    )]
+    #[error("the model is {extent:e} units wide, more than single precision holds; choose a larger unit")]
     TooLarge {
         /// The longest side of its bounding box.
         extent: f64,

@@ -20,10 +20,7 @@ use crate::{obj, ply};
 /// One line that names the file, the line or byte, the cause and, where it helps, what to do.
 pub fn load(path: impl AsRef<Path>) -> Result<Mesh, Error> {
     let path = path.as_ref();
-    let io = |source| Error::Io {
-        path: path.to_owned(),
-        source,
-    };
+    let io = |source| Error::Io { path: path.to_owned(), source };
     let mut file = File::open(path).map_err(io)?;
     let metadata = file.metadata().map_err(io)?;
     let mut magic = Vec::new();
@@ -36,20 +33,12 @@ pub fn load(path: impl AsRef<Path>) -> Result<Mesh, Error> {
             ply::Source::Bytes(&magic)
         };
         ply::read(&source, path)
-    } else if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("ply"))
-    {
+    } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
         Err(ply::not_ply(path, &magic))
-    } else if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("obj"))
-    {
+    } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj")) {
         file.read_to_end(&mut magic).map_err(io)?;
         obj::read(&magic, path)
     } else {
-        Err(Error::Format {
-            path: path.to_owned(),
-        })
+        Err(Error::Format { path: path.to_owned() })
     }
 }

@@ -46,42 +46,25 @@ impl Mesh {
     ///
     /// # Errors
     /// Whatever breaks the promises above is a [`Defect`].
-    pub fn new(
-        points: &[[f64; 3]],
-        triangles: Vec<[u32; 3]>,
-        attributes: Attributes,
-    ) -> Result<Mesh, Defect> {
+    pub fn new(points: &[[f64; 3]], triangles: Vec<[u32; 3]>, attributes: Attributes) -> Result<Mesh, Defect> {
         let vertices = points.len();
         if triangles.is_empty() {
             return Err(Defect::NoFaces { vertices });
         }
         if vertices > u32::MAX as usize {
-            return Err(Defect::TooManyVertices {
-                vertices: vertices as u64,
-            });
+            return Err(Defect::TooManyVertices { vertices: vertices as u64 });
         }
         let out_of_range = |t: &[u32; 3]| t.iter().any(|&i| i as usize >= vertices);
         if let Some(face) = triangles.par_iter().position_first(out_of_range) {
             let index = triangles[face].into_iter().max().map_or(0, i64::from);
-            return Err(Defect::IndexOutOfRange {
-                face,
-                index,
-                vertices,
-            });
+            return Err(Defect::IndexOutOfRange { face, index, vertices });
         }
         let expect = |attribute, values: Option<usize>| match values {
-            Some(values) if values != vertices => Err(Defect::AttributeLength {
-                attribute,
-                values,
-                vertices,
-            }),
+            Some(values) if values != vertices => Err(Defect::AttributeLength { attribute, values, vertices }),
             _ => Ok(()),
         };
         expect("normals", attributes.normals.as_ref().map(Vec::len))?;
-        expect(
-            "reflectances",
-            attributes.reflectance.as_ref().map(Vec::len),
-        )?;
+        expect("reflectances", attributes.reflectance.as_ref().map(Vec::len))?;
         expect("colours", attributes.colours.as_ref().map(Vec::len))?;
         let (origin, positions) = localize(points)?;
         Ok(Mesh::assemble(origin, positions, triangles, attributes))
@@ -95,23 +78,12 @@ impl Mesh {
         triangles: Vec<[u32; 3]>,
         attributes: Attributes,
     ) -> Mesh {
-        let Attributes {
-            normals,
-            mut reflectance,
-            colours,
-        } = attributes;
+        let Attributes { normals, mut reflectance, colours } = attributes;
         let normals = complete_normals(normals, &positions, &triangles);
         if let Some(values) = &mut reflectance {
             fill_gaps(values);
         }
-        Mesh {
-            origin: origin.into(),
-            positions,
-            triangles,
-            normals,
-            reflectance,
-            colours,
-        }
+        Mesh { origin: origin.into(), positions, triangles, normals, reflectance, colours }
     }
 
     /// Vertex `i` in the world.
@@ -122,10 +94,7 @@ impl Mesh {
     /// The least and the greatest corner of the bounding box, in the world.
     pub fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         let bounds = Bounds::over(&self.positions);
-        (
-            Point3::from(self.origin + Vector3::from(bounds.low)),
-            Point3::from(self.origin + Vector3::from(bounds.high)),
-        )
+        (Point3::from(self.origin + Vector3::from(bounds.low)), Point3::from(self.origin + Vector3::from(bounds.high)))
     }
 
     /// The centre of the bounding box, in the world.
@@ -150,10 +119,7 @@ pub(crate) struct Bounds {
 
 impl Bounds {
     /// The box around nothing.
-    pub(crate) const EMPTY: Bounds = Bounds {
-        low: [f64::INFINITY; 3],
-        high: [f64::NEG_INFINITY; 3],
-    };
+    pub(crate) const EMPTY: Bounds = Bounds { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
 
     /// The smallest box around both.
     pub(crate) fn union(self, other: Bounds) -> Bounds {
@@ -167,16 +133,10 @@ impl Bounds {
     fn of(points: &[[f64; 3]]) -> Result<Bounds, Defect> {
         let not_finite = |p: &[f64; 3]| p.iter().any(|x| !x.is_finite());
         if let Some(vertex) = points.par_iter().position_first(not_finite) {
-            let value = points[vertex]
-                .into_iter()
-                .find(|x| !x.is_finite())
-                .unwrap_or(f64::NAN);
+            let value = points[vertex].into_iter().find(|x| !x.is_finite()).unwrap_or(f64::NAN);
             return Err(Defect::NotFinite { vertex, value });
         }
-        Ok(points
-            .par_iter()
-            .map(|&p| Bounds { low: p, high: p })
-            .reduce(|| Bounds::EMPTY, Bounds::union))
+        Ok(points.par_iter().map(|&p| Bounds { low: p, high: p }).reduce(|| Bounds::EMPTY, Bounds::union))
     }
 
     /// The box around single-precision positions.
@@ -189,35 +149,23 @@ impl Bounds {
                     high[k] = high[k].max(p[k]);
                 }
             }
-            Bounds {
-                low: low.map(f64::from),
-                high: high.map(f64::from),
-            }
+            Bounds { low: low.map(f64::from), high: high.map(f64::from) }
         };
-        positions
-            .par_chunks(1 << 16)
-            .map(fold)
-            .reduce(|| Bounds::EMPTY, Bounds::union)
+        positions.par_chunks(1 << 16).map(fold).reduce(|| Bounds::EMPTY, Bounds::union)
     }
 }
 
 /// The origin for a model within `bounds`: its centre, rounded to a power of two at most 1/16 of its longest side, so
 /// that subtracting it from single-precision coordinates loses as little as can be.
 pub(crate) fn round_origin(bounds: &Bounds) -> Result<[f64; 3], Defect> {
-    let extent = (0..3)
-        .map(|k| bounds.high[k] - bounds.low[k])
-        .fold(0.0, f64::max);
+    let extent = (0..3).map(|k| bounds.high[k] - bounds.low[k]).fold(0.0, f64::max);
     if extent > f64::from(f32::MAX).sqrt() {
         return Err(Defect::TooLarge { extent });
     }
     if bounds.low[0] > bounds.high[0] {
         return Ok([0.0; 3]);
     }
-    let grid = if extent > f64::MIN_POSITIVE {
-        (extent / 16.0).log2().floor().exp2()
-    } else {
-        0.0
-    };
+    let grid = if extent > f64::MIN_POSITIVE { (extent / 16.0).log2().floor().exp2() } else { 0.0 };
     Ok(std::array::from_fn(|k| {
         let centre = bounds.low[k] + 0.5 * (bounds.high[k] - bounds.low[k]);
         let rounded = (centre / grid).round() * grid;
@@ -228,20 +176,13 @@ pub(crate) fn round_origin(bounds: &Bounds) -> Result<[f64; 3], Defect> {
 /// A round origin for points of the world, and the points relative to it.
 pub(crate) fn localize(points: &[[f64; 3]]) -> Result<([f64; 3], Vec<[f32; 3]>), Defect> {
     let origin = round_origin(&Bounds::of(points)?)?;
-    Ok((
-        origin,
-        points.par_iter().map(|&p| relative(p, &origin)).collect(),
-    ))
+    Ok((origin, points.par_iter().map(|&p| relative(p, &origin)).collect()))
 }
 
 /// A point of the world relative to the origin.
 #[inline]
 pub(crate) fn relative(point: [f64; 3], origin: &[f64; 3]) -> [f32; 3] {
-    [
-        (point[0] - origin[0]) as f32,
-        (point[1] - origin[1]) as f32,
-        (point[2] - origin[2]) as f32,
-    ]
+    [(point[0] - origin[0]) as f32, (point[1] - origin[1]) as f32, (point[2] - origin[2]) as f32]
 }
 
 /// Replaces values that are not finite by the mean of those that are (zero if none is).
@@ -250,16 +191,7 @@ fn fill_gaps(values: &mut [f32]) {
         return;
     }
     let finite = values.iter().filter(|v| v.is_finite());
-    let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), &v| {
-        (sum + f64::from(v), count + 1.0)
-    });
-    let mean = if count > 0.0 {
-        (sum / count) as f32
-    } else {
-        0.0
-    };
-    values
-        .iter_mut()
-        .filter(|v| !v.is_finite())
-        .for_each(|v| *v = mean);
+    let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), &v| (sum + f64::from(v), count + 1.0));
+    let mean = if count > 0.0 { (sum / count) as f32 } else { 0.0 };
+    values.iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = mean);
 }

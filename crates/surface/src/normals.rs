@@ -17,11 +17,7 @@ pub fn area_weighted_normals(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> 
         let [a, b, c] = triangle.map(|i| positions[i as usize]);
         let u: [f32; 3] = std::array::from_fn(|k| (b[k] - a[k]) * scale);
         let v: [f32; 3] = std::array::from_fn(|k| (c[k] - a[k]) * scale);
-        let n = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         for &i in triangle {
             let sum = &mut sums[i as usize];
             for k in 0..3 {
@@ -29,8 +25,7 @@ pub fn area_weighted_normals(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> 
             }
         }
     }
-    sums.par_iter_mut()
-        .for_each(|n| *n = unit(*n).unwrap_or(ANY));
+    sums.par_iter_mut().for_each(|n| *n = unit(*n).unwrap_or(ANY));
     sums
 }
 
@@ -53,10 +48,7 @@ pub(crate) fn complete_normals(
         *n = direction.unwrap_or([0.0; 3]);
         direction.is_some()
     };
-    let complete = normals
-        .par_iter_mut()
-        .map(normalize)
-        .reduce(|| true, |a, b| a & b);
+    let complete = normals.par_iter_mut().map(normalize).reduce(|| true, |a, b| a & b);
     if !complete {
         let computed = area_weighted_normals(positions, triangles);
         for (normal, computed) in normals.iter_mut().zip(computed) {
@@ -78,9 +70,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
 /// A power of two that brings the model to about unit size, so that areas neither overflow nor vanish.
 fn unit_scale(positions: &[[f32; 3]]) -> f32 {
     let bounds = Bounds::over(positions);
-    let extent = (0..3)
-        .map(|k| bounds.high[k] - bounds.low[k])
-        .fold(0.0, f64::max);
+    let extent = (0..3).map(|k| bounds.high[k] - bounds.low[k]).fold(0.0, f64::max);
     let scale = extent.log2().floor().clamp(-100.0, 100.0).exp2().recip();
     scale as f32
 }

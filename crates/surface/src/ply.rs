@@ -47,35 +47,19 @@ struct Roles {
 }
 
 /// The names under which scanners' programs write reflectance, the most telling first.
-const REFLECTANCE: [&str; 6] = [
-    "reflectance",
-    "intensity",
-    "scalar_Intensity",
-    "scalar_intensity",
-    "scalar_Reflectance",
-    "quality",
-];
+const REFLECTANCE: [&str; 6] =
+    ["reflectance", "intensity", "scalar_Intensity", "scalar_intensity", "scalar_Reflectance", "quality"];
 
 impl Roles {
     fn of(vertex: &Element, header: &Header) -> Result<Roles, Fault> {
-        let find = |name: &str| {
-            vertex
-                .properties
-                .iter()
-                .position(|p| p.name == name && matches!(p.kind, Kind::One(_)))
-        };
+        let find = |name: &str| vertex.properties.iter().position(|p| p.name == name && matches!(p.kind, Kind::One(_)));
         let three = |names: [&str; 3]| Some([find(names[0])?, find(names[1])?, find(names[2])?]);
-        let position = three(["x", "y", "z"]).ok_or_else(|| {
-            Fault::Syntax(
-                header.end(),
-                "the header declares no vertex properties x, y and z".into(),
-            )
-        })?;
+        let position = three(["x", "y", "z"])
+            .ok_or_else(|| Fault::Syntax(header.end(), "the header declares no vertex properties x, y and z".into()))?;
         Ok(Roles {
             position,
             normal: three(["nx", "ny", "nz"]),
-            colour: three(["red", "green", "blue"])
-                .or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"])),
+            colour: three(["red", "green", "blue"]).or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"])),
             reflectance: REFLECTANCE.into_iter().find_map(find),
         })
     }
@@ -98,61 +82,31 @@ pub(crate) fn is_ply(magic: &[u8]) -> bool {
 
 /// What to say of a file that is named `.ply` and is none.
 pub(crate) fn not_ply(path: &Path, magic: &[u8]) -> Error {
-    let cause = if magic.is_empty() {
-        "the file is empty"
-    } else {
-        "not a PLY file: its first line is not \"ply\""
-    };
-    Error::Syntax {
-        path: path.to_owned(),
-        place: Place::Line(1),
-        cause: cause.into(),
-    }
+    let cause = if magic.is_empty() { "the file is empty" } else { "not a PLY file: its first line is not \"ply\"" };
+    Error::Syntax { path: path.to_owned(), place: Place::Line(1), cause: cause.into() }
 }
 
 /// Reads a PLY file; `path` is for messages only.
 pub(crate) fn read(source: &Source, path: &Path) -> Result<Mesh, Error> {
     read_mesh(source).map_err(|fault| match fault {
-        Fault::Io(source) => Error::Io {
-            path: path.to_owned(),
-            source,
-        },
-        Fault::Syntax(place, cause) => Error::Syntax {
-            path: path.to_owned(),
-            place,
-            cause,
-        },
-        Fault::Defect(place, defect) => Error::Defect {
-            path: path.to_owned(),
-            place,
-            defect,
-        },
+        Fault::Io(source) => Error::Io { path: path.to_owned(), source },
+        Fault::Syntax(place, cause) => Error::Syntax { path: path.to_owned(), place, cause },
+        Fault::Defect(place, defect) => Error::Defect { path: path.to_owned(), place, defect },
     })
 }
 
 fn read_mesh(source: &Source) -> Result<Mesh, Fault> {
     let header = header::read(source)?;
-    let missing = |what: &str| {
-        Fault::Syntax(
-            header.end(),
-            format!("the header declares no element \"{what}\""),
-        )
-    };
+    let missing = |what: &str| Fault::Syntax(header.end(), format!("the header declares no element \"{what}\""));
     let vertex = header.element("vertex").ok_or_else(|| missing("vertex"))?;
     let vertices = vertex.count as usize;
     if vertex.count > u64::from(u32::MAX) {
-        return Err(Defect::TooManyVertices {
-            vertices: vertex.count,
-        }
-        .into());
+        return Err(Defect::TooManyVertices { vertices: vertex.count }.into());
     }
     let Some(face) = header.element("face").filter(|face| face.count > 0) else {
         let strips = header.element("tristrips").is_some();
         return Err(if strips {
-            Fault::Syntax(
-                header.end(),
-                "the faces are triangle strips; convert them to triangles first".into(),
-            )
+            Fault::Syntax(header.end(), "the faces are triangle strips; convert them to triangles first".into())
         } else {
             Defect::NoFaces { vertices }.into()
         });
@@ -160,23 +114,13 @@ fn read_mesh(source: &Source) -> Result<Mesh, Fault> {
     let roles = Roles::of(vertex, &header)?;
     let corners = face.corners(&header)?;
     let (vertices, triangles) = match header.encoding {
-        Encoding::Ascii => {
-            records::read(&mut Words::new(source, &header)?, &header, &roles, corners)?
-        }
+        Encoding::Ascii => records::read(&mut Words::new(source, &header)?, &header, &roles, corners)?,
         Encoding::Binary(order) => binary::read(source, order, &header, &roles, corners)?,
     };
     if triangles.is_empty() {
-        return Err(Defect::NoFaces {
-            vertices: vertices.positions.len(),
-        }
-        .into());
+        return Err(Defect::NoFaces { vertices: vertices.positions.len() }.into());
     }
-    Ok(Mesh::assemble(
-        vertices.origin,
-        vertices.positions,
-        triangles,
-        vertices.attributes,
-    ))
+    Ok(Mesh::assemble(vertices.origin, vertices.positions, triangles, vertices.attributes))
 }
 
 /// The advice that goes with a file that ends too early.
@@ -184,8 +128,6 @@ fn ends_inside(element: &Element, record: u64, end: Place) -> Fault {
     let Element { name, count, .. } = element;
     Fault::Syntax(
         end,
-        format!(
-            "the file ends inside {name} {record} of {count}; it is cut short, copy or export it again"
-        ),
+        format!("the file ends inside {name} {record} of {count}; it is cut short, copy or export it again"),
     )
 }

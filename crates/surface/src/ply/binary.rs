@@ -89,12 +89,7 @@ impl<const K: usize> Column<K> {
 
     /// The loop itself, one for each type.
     #[inline]
-    fn decode<const N: usize>(
-        &self,
-        bytes: &[u8],
-        value: impl Fn([u8; N]) -> f64,
-        mut f: impl FnMut([f64; K]),
-    ) {
+    fn decode<const N: usize>(&self, bytes: &[u8], value: impl Fn([u8; N]) -> f64, mut f: impl FnMut([f64; K])) {
         for record in bytes.chunks_exact(self.stride) {
             f(self.offsets.map(|offset| {
                 let mut raw = [0; N];
@@ -120,11 +115,7 @@ impl Layout {
     /// The layout of the records if all are like the first, whose lists' lengths are read from the file; `None` if
     /// the file ends before the last of them.
     fn of(body: &mut Body, element: &Element) -> Result<Option<Layout>, Fault> {
-        let mut layout = Layout {
-            stride: 0,
-            offsets: Vec::new(),
-            lengths: Vec::new(),
-        };
+        let mut layout = Layout { stride: 0, offsets: Vec::new(), lengths: Vec::new() };
         let room = body.source.length() - body.offset;
         for property in &element.properties {
             let size = match property.kind {
@@ -145,44 +136,25 @@ impl Layout {
             layout.offsets.push(layout.stride);
             layout.stride += size;
         }
-        let fits = (layout.stride as u64)
-            .checked_mul(element.count)
-            .is_some_and(|bytes| bytes <= room);
+        let fits = (layout.stride as u64).checked_mul(element.count).is_some_and(|bytes| bytes <= room);
         Ok(fits.then_some(layout))
     }
 
     /// The column of properties of the same type, or `None` if their types differ.
-    fn column<const K: usize>(
-        &self,
-        element: &Element,
-        properties: [usize; K],
-        order: Order,
-    ) -> Option<Column<K>> {
+    fn column<const K: usize>(&self, element: &Element, properties: [usize; K], order: Order) -> Option<Column<K>> {
         let Kind::One(scalar) = element.properties[properties[0]].kind else {
             return None;
         };
-        let alike = properties
-            .iter()
-            .all(|&i| element.properties[i].kind == Kind::One(scalar));
+        let alike = properties.iter().all(|&i| element.properties[i].kind == Kind::One(scalar));
         let offsets = properties.map(|i| self.offsets[i]);
-        alike.then_some(Column {
-            scalar,
-            order,
-            offsets,
-            stride: self.stride,
-        })
+        alike.then_some(Column { scalar, order, offsets, stride: self.stride })
     }
 
     /// Whether the records in `bytes` are as the layout has them.
     fn fits(&self, bytes: &[u8], order: Order) -> bool {
         self.lengths.iter().all(|&(offset, scalar, expected)| {
             let mut same = true;
-            let column = Column {
-                scalar,
-                order,
-                offsets: [offset],
-                stride: self.stride,
-            };
+            let column = Column { scalar, order, offsets: [offset], stride: self.stride };
             column.each(bytes, |[length]| same &= length == expected);
             same
         })
@@ -208,24 +180,17 @@ impl Body<'_> {
         let run = |buffer: &mut Vec<u8>, (i, job): (usize, J)| {
             let first = i as u64 * chunk;
             let length = chunk.min(count - first) as usize * layout.stride;
-            let bytes =
-                self.source
-                    .read(self.offset + first * layout.stride as u64, length, buffer)?;
+            let bytes = self.source.read(self.offset + first * layout.stride as u64, length, buffer)?;
             Ok(work(first, job, bytes))
         };
-        jobs.into_par_iter()
-            .enumerate()
-            .map_init(Vec::new, run)
-            .collect::<Result<_, _>>()
-            .map_err(Fault::Io)
+        jobs.into_par_iter().enumerate().map_init(Vec::new, run).collect::<Result<_, _>>().map_err(Fault::Io)
     }
 
     /// The box around all vertices.
     fn bounds(&self, layout: &Layout, count: u64, column: Column<3>) -> Result<Bounds, Fault> {
         let jobs = vec![(); (count as usize).div_ceil(layout.chunk())];
         let boxes = self.chunks(layout, count, jobs, |first, (), bytes| {
-            let (mut low, mut high, mut finite) =
-                ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], true);
+            let (mut low, mut high, mut finite) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], true);
             column.each(bytes, |p| {
                 for k in 0..3 {
                     low[k] = if p[k] < low[k] { p[k] } else { low[k] };
@@ -245,19 +210,12 @@ impl Body<'_> {
             });
             Err(found.unwrap_or((first, f64::NAN)))
         })?;
-        boxes
-            .into_iter()
-            .try_fold(Bounds::EMPTY, |all, part| part.map(|part| all.union(part)))
-            .map_err(|(record, value)| {
-                let defect = Defect::NotFinite {
-                    vertex: record as usize,
-                    value,
-                };
-                Fault::Defect(
-                    Some(Place::Byte(self.offset + record * layout.stride as u64)),
-                    defect,
-                )
-            })
+        boxes.into_iter().try_fold(Bounds::EMPTY, |all, part| part.map(|part| all.union(part))).map_err(
+            |(record, value)| {
+                let defect = Defect::NotFinite { vertex: record as usize, value };
+                Fault::Defect(Some(Place::Byte(self.offset + record * layout.stride as u64)), defect)
+            },
+        )
     }
 
     /// The value at an offset that lies within the file.
@@ -269,17 +227,10 @@ impl Body<'_> {
         if !within(self.window_start, self.filled) {
             self.filled = (self.source.length() - offset).min(CHUNK as u64) as usize;
             self.window_start = offset;
-            self.source
-                .read(offset, self.filled, &mut self.window)
-                .map_err(Fault::Io)?;
+            self.source.read(offset, self.filled, &mut self.window).map_err(Fault::Io)?;
         }
         let start = (offset - self.window_start) as usize;
-        let column = Column {
-            scalar,
-            order: self.order,
-            offsets: [0],
-            stride: size,
-        };
+        let column = Column { scalar, order: self.order, offsets: [0], stride: size };
         let mut result = f64::NAN;
         column.each(&self.window[start..start + size], |[value]| result = value);
         Ok(result)
@@ -315,11 +266,7 @@ impl Records for Body<'_> {
         Place::Byte(self.record)
     }
 
-    fn bulk_vertices(
-        &mut self,
-        element: &Element,
-        roles: &Roles,
-    ) -> Result<Option<Vertices>, Fault> {
+    fn bulk_vertices(&mut self, element: &Element, roles: &Roles) -> Result<Option<Vertices>, Fault> {
         let Some(layout) = Layout::of(self, element)? else {
             return Ok(None);
         };
@@ -330,14 +277,10 @@ impl Records for Body<'_> {
             Some(properties) => layout.column(element, properties, self.order).map(Some),
             None => Some(None),
         };
-        let one = roles
-            .reflectance
-            .and_then(|property| layout.column(element, [property], self.order));
-        let (Some(Some(position)), Some(normal), Some(colour)) = (
-            three(Some(roles.position)),
-            three(roles.normal),
-            three(roles.colour),
-        ) else {
+        let one = roles.reflectance.and_then(|property| layout.column(element, [property], self.order));
+        let (Some(Some(position)), Some(normal), Some(colour)) =
+            (three(Some(roles.position)), three(roles.normal), three(roles.colour))
+        else {
             return Ok(None);
         };
         let count = element.count as usize;
@@ -354,43 +297,25 @@ impl Records for Body<'_> {
             let job = |positions| {
                 let normals = normals.as_mut().and_then(Iterator::next);
                 let reflectance = reflectance.as_mut().and_then(Iterator::next);
-                (
-                    positions,
-                    normals,
-                    reflectance,
-                    colours.as_mut().and_then(Iterator::next),
-                )
+                (positions, normals, reflectance, colours.as_mut().and_then(Iterator::next))
             };
             positions.chunks_mut(chunk).map(job).collect()
         };
-        self.chunks(
-            &layout,
-            element.count,
-            jobs,
-            |_, (positions, normals, reflectance, colours), bytes| {
-                position.fill(bytes, positions, |p| relative(p, &origin));
-                if let (Some(column), Some(out)) = (normal, normals) {
-                    column.fill(bytes, out, |n| n.map(|x| x as f32));
-                }
-                if let (Some(column), Some(out)) = (one, reflectance) {
-                    column.fill(bytes, out, |[r]| r as f32);
-                }
-                if let (Some(column), Some(out)) = (colour, colours) {
-                    let scale = colour_scale(column.scalar);
-                    column.fill(bytes, out, |c| c.map(|x| (x * scale).round() as u8));
-                }
-            },
-        )?;
+        self.chunks(&layout, element.count, jobs, |_, (positions, normals, reflectance, colours), bytes| {
+            position.fill(bytes, positions, |p| relative(p, &origin));
+            if let (Some(column), Some(out)) = (normal, normals) {
+                column.fill(bytes, out, |n| n.map(|x| x as f32));
+            }
+            if let (Some(column), Some(out)) = (one, reflectance) {
+                column.fill(bytes, out, |[r]| r as f32);
+            }
+            if let (Some(column), Some(out)) = (colour, colours) {
+                let scale = colour_scale(column.scalar);
+                column.fill(bytes, out, |c| c.map(|x| (x * scale).round() as u8));
+            }
+        })?;
         self.offset += layout.stride as u64 * element.count;
-        Ok(Some(Vertices {
-            origin,
-            positions,
-            attributes: Attributes {
-                normals,
-                reflectance,
-                colours,
-            },
-        }))
+        Ok(Some(Vertices { origin, positions, attributes: Attributes { normals, reflectance, colours } }))
     }
 
     fn bulk_triangles(
@@ -402,10 +327,7 @@ impl Records for Body<'_> {
         let Some(layout) = Layout::of(self, element)? else {
             return Ok(None);
         };
-        let lists = element.properties[..corners]
-            .iter()
-            .filter(|p| matches!(p.kind, Kind::List { .. }))
-            .count();
+        let lists = element.properties[..corners].iter().filter(|p| matches!(p.kind, Kind::List { .. })).count();
         let Kind::List { item: scalar, .. } = element.properties[corners].kind else {
             return Ok(None);
         };
@@ -414,12 +336,7 @@ impl Records for Body<'_> {
         }
         let (first, size) = (layout.offsets[corners], scalar.size());
         let offsets = [first, first + size, first + 2 * size];
-        let column = Column {
-            scalar,
-            order: self.order,
-            offsets,
-            stride: layout.stride,
-        };
+        let column = Column { scalar, order: self.order, offsets, stride: layout.stride };
         let mut triangles = vec![[0u32; 3]; element.count as usize];
         let jobs: Vec<_> = triangles.chunks_mut(layout.chunk()).collect();
         let greatest = self.chunks(&layout, element.count, jobs, |start, out, bytes| {
@@ -437,16 +354,9 @@ impl Records for Body<'_> {
                 Some((_, greatest)) if u64::from(greatest) < vertices => {}
                 Some((start, _)) => {
                     let bad = |t: &[u32; 3]| t.iter().any(|&i| u64::from(i) >= vertices);
-                    let face = start
-                        + triangles[start as usize..]
-                            .iter()
-                            .position(bad)
-                            .unwrap_or(0) as u64;
+                    let face = start + triangles[start as usize..].iter().position(bad).unwrap_or(0) as u64;
                     let place = self.offset + face * layout.stride as u64;
-                    let corner = triangles[face as usize]
-                        .iter()
-                        .position(|&i| u64::from(i) >= vertices)
-                        .unwrap_or(0);
+                    let corner = triangles[face as usize].iter().position(|&i| u64::from(i) >= vertices).unwrap_or(0);
                     let value = self.value_at(place + offsets[corner] as u64, scalar)?;
                     return Err(bad_index(Place::Byte(place), face, value, vertices));
                 }
@@ -457,10 +367,7 @@ impl Records for Body<'_> {
     }
 
     fn bulk_skip(&mut self, element: &Element) -> Result<bool, Fault> {
-        let fixed = element
-            .properties
-            .iter()
-            .all(|p| matches!(p.kind, Kind::One(_)));
+        let fixed = element.properties.iter().all(|p| matches!(p.kind, Kind::One(_)));
         let bytes = (element.least_size() as u64).saturating_mul(element.count);
         let fits = bytes <= self.source.length() - self.offset;
         if fixed && fits {

@@ -86,13 +86,9 @@ impl Element {
     /// The number of the property that lists a face's corners.
     pub(super) fn corners(&self, header: &Header) -> Result<usize, Fault> {
         let named = |p: &Property| p.name == "vertex_indices" || p.name == "vertex_index";
-        let found = self
-            .properties
-            .iter()
-            .position(|p| named(p) && matches!(p.kind, Kind::List { .. }));
+        let found = self.properties.iter().position(|p| named(p) && matches!(p.kind, Kind::List { .. }));
         let fault = |cause: &str| Fault::Syntax(header.end(), cause.into());
-        let corners = found
-            .ok_or_else(|| fault("the header declares no list vertex_indices for the faces"))?;
+        let corners = found.ok_or_else(|| fault("the header declares no list vertex_indices for the faces"))?;
         match self.properties[corners].kind {
             Kind::List { item, .. } if item.is_integer() => Ok(corners),
             _ => Err(fault("the faces' vertex_indices are not integers")),
@@ -133,9 +129,7 @@ impl Header {
 /// Reads the header and checks that the counts it declares can fit the file.
 pub(super) fn read(source: &Source) -> Result<Header, Fault> {
     let mut buffer = Vec::new();
-    let text = source
-        .read(0, source.length().min(LONGEST) as usize, &mut buffer)
-        .map_err(Fault::Io)?;
+    let text = source.read(0, source.length().min(LONGEST) as usize, &mut buffer).map_err(Fault::Io)?;
     let header = parse(text)?;
     for element in &header.elements {
         let (name, count) = (&element.name, element.count);
@@ -158,12 +152,7 @@ pub(super) fn read(source: &Source) -> Result<Header, Fault> {
 }
 
 fn parse(text: &[u8]) -> Result<Header, Fault> {
-    let mut header = Header {
-        encoding: Encoding::Ascii,
-        elements: Vec::new(),
-        bytes: 0,
-        lines: 0,
-    };
+    let mut header = Header { encoding: Encoding::Ascii, elements: Vec::new(), bytes: 0, lines: 0 };
     let mut encoding = None;
     loop {
         let rest = &text[header.bytes as usize..];
@@ -172,11 +161,7 @@ fn parse(text: &[u8]) -> Result<Header, Fault> {
         let Some(length) = rest.iter().position(|&b| b == b'\n' || b == b'\r') else {
             return Err(fault("the header has no end_header line".into()));
         };
-        let end_of_line = if rest[length..].starts_with(b"\r\n") {
-            2
-        } else {
-            1
-        };
+        let end_of_line = if rest[length..].starts_with(b"\r\n") { 2 } else { 1 };
         header.bytes += (length + end_of_line) as u64;
         let line = String::from_utf8_lossy(&rest[..length]);
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
@@ -192,51 +177,32 @@ fn parse(text: &[u8]) -> Result<Header, Fault> {
                 });
             }
             ["element", name, count] => {
-                let count = count
-                    .parse()
-                    .map_err(|_| fault(format!("\"{count}\" is no count of {name} elements")))?;
-                header.elements.push(Element {
-                    name: name.into(),
-                    count,
-                    properties: Vec::new(),
-                });
+                let count = count.parse().map_err(|_| fault(format!("\"{count}\" is no count of {name} elements")))?;
+                header.elements.push(Element { name: name.into(), count, properties: Vec::new() });
             }
             ["property", ref property @ ..] => {
                 let property = match *property {
                     [kind, name] => Scalar::named(kind).map(|scalar| (name, Kind::One(scalar))),
-                    ["list", length, item, name] => {
-                        match (Scalar::named(length), Scalar::named(item)) {
-                            (Some(length), Some(item)) if length.is_integer() => {
-                                Some((name, Kind::List { length, item }))
-                            }
-                            _ => None,
-                        }
-                    }
+                    ["list", length, item, name] => match (Scalar::named(length), Scalar::named(item)) {
+                        (Some(length), Some(item)) if length.is_integer() => Some((name, Kind::List { length, item })),
+                        _ => None,
+                    },
                     _ => None,
                 };
                 let Some((name, kind)) = property else {
-                    return Err(fault(format!(
-                        "\"{line}\" declares no property of a known type"
-                    )));
+                    return Err(fault(format!("\"{line}\" declares no property of a known type")));
                 };
                 let Some(element) = header.elements.last_mut() else {
                     return Err(fault("a property before the first element".into()));
                 };
-                element.properties.push(Property {
-                    name: name.into(),
-                    kind,
-                });
+                element.properties.push(Property { name: name.into(), kind });
             }
             ["end_header"] => {
-                header.encoding =
-                    encoding.ok_or_else(|| fault("the header names no format".into()))?;
+                header.encoding = encoding.ok_or_else(|| fault("the header names no format".into()))?;
                 return Ok(header);
             }
             _ => {
-                return Err(fault(format!(
-                    "\"{}\" is no line of a PLY header",
-                    shorten(&line)
-                )));
+                return Err(fault(format!("\"{}\" is no line of a PLY header", shorten(&line))));
             }
         }
     }
@@ -244,14 +210,6 @@ fn parse(text: &[u8]) -> Result<Header, Fault> {
 
 /// The beginning of a text that may be long, for a message.
 pub(super) fn shorten(text: &str) -> String {
-    let short: String = text
-        .chars()
-        .take(40)
-        .map(|c| if c.is_control() { '?' } else { c })
-        .collect();
-    if text.chars().nth(40).is_some() {
-        short + "…"
-    } else {
-        short
-    }
+    let short: String = text.chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect();
+    if text.chars().nth(40).is_some() { short + "…" } else { short }
 }

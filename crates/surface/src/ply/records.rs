@@ -24,12 +24,7 @@ pub(super) trait Records {
     }
 
     /// All faces at once, as triangles, if their layout allows it.
-    fn bulk_triangles(
-        &mut self,
-        _: &Element,
-        _corners: usize,
-        _vertices: u64,
-    ) -> Result<Option<Vec<[u32; 3]>>, Fault> {
+    fn bulk_triangles(&mut self, _: &Element, _corners: usize, _vertices: u64) -> Result<Option<Vec<[u32; 3]>>, Fault> {
         Ok(None)
     }
 
@@ -73,20 +68,14 @@ pub(super) fn read(
 }
 
 /// The vertices, record by record.
-fn vertices(
-    records: &mut impl Records,
-    element: &Element,
-    roles: &Roles,
-) -> Result<Vertices, Fault> {
+fn vertices(records: &mut impl Records, element: &Element, roles: &Roles) -> Result<Vertices, Fault> {
     let mut points: Vec<[f64; 3]> = Vec::new();
     let mut normals = roles.normal.map(|_| Vec::new());
     let mut reflectance = roles.reflectance.map(|_| Vec::new());
     let mut colours = roles.colour.map(|_| Vec::new());
-    let scale = roles
-        .colour
-        .map_or(1.0, |[red, ..]| match element.properties[red].kind {
-            Kind::One(scalar) | Kind::List { item: scalar, .. } => colour_scale(scalar),
-        });
+    let scale = roles.colour.map_or(1.0, |[red, ..]| match element.properties[red].kind {
+        Kind::One(scalar) | Kind::List { item: scalar, .. } => colour_scale(scalar),
+    });
     let mut values = vec![0.0; element.properties.len()];
     for record in 0..element.count {
         records.begin(element, record)?;
@@ -102,10 +91,7 @@ fn vertices(
         }
         let point = roles.position.map(|i| values[i]);
         if let Some(&value) = point.iter().find(|x| !x.is_finite()) {
-            let defect = Defect::NotFinite {
-                vertex: record as usize,
-                value,
-            };
+            let defect = Defect::NotFinite { vertex: record as usize, value };
             return Err(Fault::Defect(Some(records.place()), defect));
         }
         points.push(point);
@@ -121,15 +107,7 @@ fn vertices(
         records.end()?;
     }
     let (origin, positions) = localize(&points)?;
-    Ok(Vertices {
-        origin,
-        positions,
-        attributes: Attributes {
-            normals,
-            reflectance,
-            colours,
-        },
-    })
+    Ok(Vertices { origin, positions, attributes: Attributes { normals, reflectance, colours } })
 }
 
 /// The faces as fans of triangles, record by record. Faces of fewer than three corners are skipped.
@@ -174,14 +152,7 @@ fn triangles(
 pub(super) fn bad_index(place: Place, face: u64, value: f64, vertices: u64) -> Fault {
     if value.fract() == 0.0 {
         let (face, index, vertices) = (face as usize, value as i64, vertices as usize);
-        Fault::Defect(
-            Some(place),
-            Defect::IndexOutOfRange {
-                face,
-                index,
-                vertices,
-            },
-        )
+        Fault::Defect(Some(place), Defect::IndexOutOfRange { face, index, vertices })
     } else {
         Fault::Syntax(place, format!("{value} is no vertex number"))
     }
@@ -210,10 +181,7 @@ fn skip(records: &mut impl Records, element: &Element) -> Result<(), Fault> {
 fn list_length(records: &mut impl Records, scalar: Scalar) -> Result<u64, Fault> {
     let length = records.next(scalar)?;
     if length.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&length) {
-        return Err(Fault::Syntax(
-            records.place(),
-            format!("{length} is no length of a list"),
-        ));
+        return Err(Fault::Syntax(records.place(), format!("{length} is no length of a list")));
     }
     Ok(length as u64)
 }
@@ -233,26 +201,15 @@ impl Words {
     pub(super) fn new(source: &Source, header: &Header) -> Result<Words, Fault> {
         let mut text = Vec::new();
         let length = (source.length() - header.bytes) as usize;
-        source
-            .read(header.bytes, length, &mut text)
-            .map_err(Fault::Io)?;
-        Ok(Words {
-            text,
-            at: 0,
-            end: 0,
-            next: 0,
-            line: header.lines,
-        })
+        source.read(header.bytes, length, &mut text).map_err(Fault::Io)?;
+        Ok(Words { text, at: 0, end: 0, next: 0, line: header.lines })
     }
 
     /// The next word of the line.
     fn word(&mut self) -> Option<&[u8]> {
         let rest = &self.text[self.at..self.end];
         let start = rest.iter().position(|b| !b.is_ascii_whitespace())?;
-        let length = rest[start..]
-            .iter()
-            .position(u8::is_ascii_whitespace)
-            .unwrap_or(rest.len() - start);
+        let length = rest[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len() - start);
         self.at += start + length;
         Some(&rest[start..start + length])
     }
@@ -269,10 +226,7 @@ impl Records for Words {
             self.end = self.at + rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
             self.next = self.end + 1;
             self.line += 1;
-            if self.text[self.at..self.end]
-                .iter()
-                .any(|b| !b.is_ascii_whitespace())
-            {
+            if self.text[self.at..self.end].iter().any(|b| !b.is_ascii_whitespace()) {
                 return Ok(());
             }
         }
@@ -284,27 +238,16 @@ impl Records for Words {
             let cause = "the line has fewer values than the header declares; the file is cut short or damaged";
             return Err(Fault::Syntax(place, cause.into()));
         };
-        let number = std::str::from_utf8(word)
-            .ok()
-            .and_then(|word| word.parse().ok());
+        let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
         number.ok_or_else(|| {
-            Fault::Syntax(
-                place,
-                format!(
-                    "\"{}\" is no number",
-                    shorten(&String::from_utf8_lossy(word))
-                ),
-            )
+            Fault::Syntax(place, format!("\"{}\" is no number", shorten(&String::from_utf8_lossy(word))))
         })
     }
 
     fn end(&mut self) -> Result<(), Fault> {
         match self.word() {
             None => Ok(()),
-            Some(_) => Err(Fault::Syntax(
-                self.place(),
-                "the line has more values than the header declares".into(),
-            )),
+            Some(_) => Err(Fault::Syntax(self.place(), "the line has more values than the header declares".into())),
         }
     }
 

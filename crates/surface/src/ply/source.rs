@@ -28,12 +28,7 @@ impl Source<'_> {
     }
 
     /// Fills `buffer` with the `length` bytes from `offset` on and returns them.
-    pub(crate) fn read<'b>(
-        &self,
-        offset: u64,
-        length: usize,
-        buffer: &'b mut Vec<u8>,
-    ) -> io::Result<&'b [u8]> {
+    pub(crate) fn read<'b>(&self, offset: u64, length: usize, buffer: &'b mut Vec<u8>) -> io::Result<&'b [u8]> {
         if buffer.len() < length {
             buffer.resize(length, 0);
         }
@@ -41,9 +36,7 @@ impl Source<'_> {
         match self {
             Source::File(file, _) => read_exact_at(file, target, offset)?,
             Source::Bytes(bytes) => {
-                let from = usize::try_from(offset)
-                    .ok()
-                    .and_then(|start| bytes.get(start..)?.get(..length));
+                let from = usize::try_from(offset).ok().and_then(|start| bytes.get(start..)?.get(..length));
                 target.copy_from_slice(from.ok_or(io::ErrorKind::UnexpectedEof)?);
             }
         }
