@@ -49,10 +49,7 @@ impl Camera {
     }
 
     /// [`project`](Self::project), and ∂pixel/∂(X, Y, Z).
-    pub fn project_with_jacobian(
-        &self,
-        point: &Point3<f64>,
-    ) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
+    pub fn project_with_jacobian(&self, point: &Point3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
         let p = normalized(point)?;
         let (distorted, slope) = self.distortion.apply_with_jacobian(&p)?;
         let jacobian = point_jacobian(&(self.intrinsics.linear() * slope), &p, point.z);
@@ -107,9 +104,5 @@ fn normalized(point: &Point3<f64>) -> Option<Vector2<f64>> {
 fn point_jacobian(plane: &Matrix2<f64>, p: &Vector2<f64>, z: f64) -> Matrix2x3<f64> {
     let scaled = plane / z;
     let depth = -(scaled * p);
-    Matrix2x3::from_columns(&[
-        scaled.column(0).into_owned(),
-        scaled.column(1).into_owned(),
-        depth,
-    ])
+    Matrix2x3::from_columns(&[scaled.column(0).into_owned(), scaled.column(1).into_owned(), depth])
 }

@@ -44,8 +44,7 @@ impl Distortion {
             return Some((*p, Matrix2::identity()));
         }
         let (distorted, jacobian) = self.evaluate(p);
-        (self.is_monotone(p.norm_squared()) && jacobian.determinant() > 0.0)
-            .then_some((distorted, jacobian))
+        (self.is_monotone(p.norm_squared()) && jacobian.determinant() > 0.0).then_some((distorted, jacobian))
     }
 
     /// The formulas themselves, wherever they are asked for.
@@ -88,11 +87,7 @@ impl Distortion {
             return Some(*distorted);
         }
         let r_d = distorted.norm();
-        let mut p = if r_d == 0.0 {
-            *distorted
-        } else {
-            distorted * (self.invert_radius(r_d)? / r_d)
-        };
+        let mut p = if r_d == 0.0 { *distorted } else { distorted * (self.invert_radius(r_d)? / r_d) };
         let tolerance = 4.0 * f64::EPSILON * (r_d + f64::MIN_POSITIVE);
         for _ in 0..20 {
             let (value, jacobian) = self.evaluate(&p);
@@ -136,11 +131,7 @@ impl Distortion {
                 low = r;
             }
             let newton = r - error / self.slope(r * r);
-            let next = if newton > low && newton < high {
-                newton
-            } else {
-                0.5 * (low + high)
-            };
+            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
             if (next - r).abs() <= f64::EPSILON * r {
                 return Some(next);
             }
@@ -157,9 +148,7 @@ impl Distortion {
     /// Whether the slope is positive on all of [0, s].
     fn is_monotone(&self, s: f64) -> bool {
         // The negative terms alone bound the slope from below and only fall; most points pass here.
-        let bound = 1.0
-            + s * (3.0 * self.k1.min(0.0)
-                + s * (5.0 * self.k2.min(0.0) + s * 7.0 * self.k3.min(0.0)));
+        let bound = 1.0 + s * (3.0 * self.k1.min(0.0) + s * (5.0 * self.k2.min(0.0) + s * 7.0 * self.k3.min(0.0)));
         bound > 0.0 || (self.slope(s) > 0.0 && s < self.domain())
     }
 
@@ -192,10 +181,7 @@ impl Distortion {
             let mut high = knot;
             if high.is_infinite() {
                 // Beyond the last stationary point the slope goes to ±∞ or stays 1.
-                let leading = [self.k3, self.k2, self.k1]
-                    .into_iter()
-                    .find(|k| *k != 0.0)
-                    .unwrap_or(0.0);
+                let leading = [self.k3, self.k2, self.k1].into_iter().find(|k| *k != 0.0).unwrap_or(0.0);
                 if leading >= 0.0 {
                     return f64::INFINITY;
                 }

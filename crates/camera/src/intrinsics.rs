@@ -20,21 +20,12 @@ pub struct Intrinsics {
 impl Intrinsics {
     /// Square pixels, no skew.
     pub fn new(focal: f64, cx: f64, cy: f64) -> Self {
-        Self {
-            fx: focal,
-            fy: focal,
-            cx,
-            cy,
-            skew: 0.0,
-        }
+        Self { fx: focal, fy: focal, cx, cy, skew: 0.0 }
     }
 
     /// Distorted normalized coordinates to pixels.
     pub fn apply(&self, p: &Vector2<f64>) -> Point2<f64> {
-        Point2::new(
-            self.fx * p.x + self.skew * p.y + self.cx,
-            self.fy * p.y + self.cy,
-        )
+        Point2::new(self.fx * p.x + self.skew * p.y + self.cx, self.fy * p.y + self.cy)
     }
 
     /// Pixels to distorted normalized coordinates.
@@ -88,12 +79,6 @@ impl Intrinsics {
 /// From `[fx, fy, cx, cy, skew]`.
 impl From<[f64; 5]> for Intrinsics {
     fn from([fx, fy, cx, cy, skew]: [f64; 5]) -> Self {
-        Self {
-            fx,
-            fy,
-            cx,
-            cy,
-            skew,
-        }
+        Self { fx, fy, cx, cy, skew }
     }
 }

@@ -20,10 +20,7 @@ impl View {
     }
 
     /// [`project`](Self::project), and ∂pixel/∂(ω, t) for the pose `exp(ω, t) · pose`.
-    pub fn project_with_jacobian(
-        &self,
-        point: &Point3<f64>,
-    ) -> Option<(Point2<f64>, Matrix2x6<f64>)> {
+    pub fn project_with_jacobian(&self, point: &Point3<f64>) -> Option<(Point2<f64>, Matrix2x6<f64>)> {
         let point_in_camera = self.pose.transform_point(point);
         let (pixel, jacobian) = self.camera.project_with_jacobian(&point_in_camera)?;
         Some((pixel, pose_jacobian(&jacobian, &point_in_camera)))
@@ -36,12 +33,8 @@ pub fn pose_jacobian(point: &Matrix2x3<f64>, point_in_camera: &Point3<f64>) -> M
     let mut jacobian = Matrix2x6::zeros();
     for row in 0..2 {
         let g = point.row(row).transpose();
-        jacobian
-            .fixed_view_mut::<1, 3>(row, 0)
-            .copy_from(&y.cross(&g).transpose());
-        jacobian
-            .fixed_view_mut::<1, 3>(row, 3)
-            .copy_from(&g.transpose());
+        jacobian.fixed_view_mut::<1, 3>(row, 0).copy_from(&y.cross(&g).transpose());
+        jacobian.fixed_view_mut::<1, 3>(row, 3).copy_from(&g.transpose());
     }
     jacobian
 }

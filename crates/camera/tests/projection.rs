@@ -105,24 +105,12 @@ fn points_that_are_not_seen() {
     assert!(camera.project(&Point3::new(1e300, 0.0, 1e-300)).is_none());
     assert!(camera.unproject(&Point2::new(f64::NAN, 0.0)).is_none());
     // r_d = r − r³/2 peaks at r² = 2/3; nothing is seen beyond 0.544.
-    let fold = Camera {
-        distortion: Distortion {
-            k1: -0.5,
-            ..Default::default()
-        },
-        ..camera
-    };
+    let fold = Camera { distortion: Distortion { k1: -0.5, ..Default::default() }, ..camera };
     assert!(fold.project(&Point3::new(0.82, 0.0, 1.0)).is_none());
     assert!(fold.project(&Point3::new(0.81, 0.0, 1.0)).is_some());
     let center = fold.intrinsics.cx;
-    assert!(
-        fold.unproject(&Point2::new(center + 500.0 * 0.5440, 239.5))
-            .is_some()
-    );
-    assert!(
-        fold.unproject(&Point2::new(center + 500.0 * 0.5444, 239.5))
-            .is_none()
-    );
+    assert!(fold.unproject(&Point2::new(center + 500.0 * 0.5440, 239.5)).is_some());
+    assert!(fold.unproject(&Point2::new(center + 500.0 * 0.5444, 239.5)).is_none());
 }
 
 /// Halving an image puts the new pixel (0, 0) between the old (0, 0) and (1, 1).
@@ -133,12 +121,7 @@ fn scaling_keeps_the_image_together() {
     assert_eq!((half.width, half.height), (320, 240));
     assert_eq!(half.intrinsics, Camera::ideal(320, 240, 250.0).intrinsics);
     let point = Point3::new(0.3, -0.2, 1.7);
-    let (fine, coarse) = (
-        camera.project(&point).unwrap(),
-        half.project(&point).unwrap(),
-    );
+    let (fine, coarse) = (camera.project(&point).unwrap(), half.project(&point).unwrap());
     assert!(((fine.coords.add_scalar(0.5)) * 0.5 - coarse.coords.add_scalar(0.5)).norm() < 1e-12);
-    assert!(
-        camera.contains(&Point2::new(-0.5, 479.4)) && !camera.contains(&Point2::new(639.5, 0.0))
-    );
+    assert!(camera.contains(&Point2::new(-0.5, 479.4)) && !camera.contains(&Point2::new(639.5, 0.0)));
 }

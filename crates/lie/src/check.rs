@@ -16,20 +16,13 @@ pub fn differences(f: impl Fn(&[f64]) -> Vec<f64>, x: &[f64], step: f64) -> DMat
                 at[i] = x[i];
                 value
             };
-            let (far_left, left, right, far_right) =
-                (sample(-2.0), sample(-1.0), sample(1.0), sample(2.0));
+            let (far_left, left, right, far_right) = (sample(-2.0), sample(-1.0), sample(1.0), sample(2.0));
             (0..left.len())
-                .map(|j| {
-                    (8.0 * (right[j] - left[j]) - (far_right[j] - far_left[j])) / (12.0 * step)
-                })
+                .map(|j| (8.0 * (right[j] - left[j]) - (far_right[j] - far_left[j])) / (12.0 * step))
                 .collect()
         })
         .collect();
-    DMatrix::from_fn(
-        columns.first().map_or(0, Vec::len),
-        x.len(),
-        |row, column| columns[column][row],
-    )
+    DMatrix::from_fn(columns.first().map_or(0, Vec::len), x.len(), |row, column| columns[column][row])
 }
 
 /// The largest difference between the entries of two matrices, relative to the largest entry or 1. Infinite when shapes
@@ -43,8 +36,5 @@ pub fn discrepancy<'a>(
         return f64::INFINITY;
     }
     let scale = b.amax().max(1.0);
-    a.iter()
-        .zip(b.iter())
-        .map(|(a, b)| (a - b).abs() / scale)
-        .fold(0.0, f64::max)
+    a.iter().zip(b.iter()).map(|(a, b)| (a - b).abs() / scale).fold(0.0, f64::max)
 }

@@ -10,11 +10,7 @@ fn polynomial<const N: usize>(c: [f64; N], x: f64) -> f64 {
 
 /// sin θ / θ.
 pub(crate) fn sinc(theta: f64) -> f64 {
-    if theta == 0.0 {
-        1.0
-    } else {
-        theta.sin() / theta
-    }
+    if theta == 0.0 { 1.0 } else { theta.sin() / theta }
 }
 
 /// (1 − cos θ) / θ², by the half angle, which does not cancel.
@@ -105,16 +101,9 @@ mod tests {
             (3.0, [0.2211102774000495, 0.10588444414593084, 0.030987746955550056, 0.005363503057652391, 0.09929197039400237]),
         ];
         for (theta, expected) in table {
-            let found = [
-                versine(theta),
-                third(theta),
-                fourth(theta),
-                fifth(theta),
-                inverse(theta),
-            ];
-            for (name, (found, expected)) in ["versine", "third", "fourth", "fifth", "inverse"]
-                .iter()
-                .zip(found.into_iter().zip(expected))
+            let found = [versine(theta), third(theta), fourth(theta), fifth(theta), inverse(theta)];
+            for (name, (found, expected)) in
+                ["versine", "third", "fourth", "fifth", "inverse"].iter().zip(found.into_iter().zip(expected))
             {
                 // Just above the switch the closed form of `fifth` has lost two digits, of a term that matters θ³ as much.
                 let tolerance = if theta > 1.0 { 2e-13 } else { 4e-16 };

@@ -15,10 +15,7 @@ pub struct Pose {
 impl Pose {
     /// The motion `y = R x + t`.
     pub fn new(rotation: Rotation3<f64>, translation: Vector3<f64>) -> Self {
-        Self {
-            rotation,
-            translation,
-        }
+        Self { rotation, translation }
     }
 
     /// The motion that moves nothing.
@@ -50,8 +47,7 @@ impl Pose {
     /// The 3×4 matrix `[R | t]`.
     pub fn matrix(&self) -> Matrix3x4<f64> {
         let mut m = Matrix3x4::zeros();
-        m.fixed_columns_mut::<3>(0)
-            .copy_from(self.rotation.matrix());
+        m.fixed_columns_mut::<3>(0).copy_from(self.rotation.matrix());
         m.set_column(3, &self.translation);
         m
     }
@@ -64,11 +60,7 @@ impl Pose {
 
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
-        self.rotation
-            .matrix()
-            .iter()
-            .chain(self.translation.iter())
-            .all(|x| x.is_finite())
+        self.rotation.matrix().iter().chain(self.translation.iter()).all(|x| x.is_finite())
     }
 }
 
@@ -83,9 +75,6 @@ impl Mul for Pose {
     type Output = Pose;
 
     fn mul(self, other: Pose) -> Pose {
-        Pose::new(
-            self.rotation * other.rotation,
-            self.rotation * other.translation + self.translation,
-        )
+        Pose::new(self.rotation * other.rotation, self.rotation * other.translation + self.translation)
     }
 }

@@ -11,17 +11,10 @@ use crate::{Pose, so3};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 fn split(tangent: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    (
-        tangent.fixed_rows::<3>(0).into_owned(),
-        tangent.fixed_rows::<3>(3).into_owned(),
-    )
+    (tangent.fixed_rows::<3>(0).into_owned(), tangent.fixed_rows::<3>(3).into_owned())
 }
 
-fn blocks(
-    upper_left: &Matrix3<f64>,
-    lower_left: &Matrix3<f64>,
-    lower_right: &Matrix3<f64>,
-) -> Matrix6<f64> {
+fn blocks(upper_left: &Matrix3<f64>, lower_left: &Matrix3<f64>, lower_right: &Matrix3<f64>) -> Matrix6<f64> {
     let mut m = Matrix6::zeros();
     m.fixed_view_mut::<3, 3>(0, 0).copy_from(upper_left);
     m.fixed_view_mut::<3, 3>(3, 0).copy_from(lower_left);
@@ -53,11 +46,7 @@ pub fn left_jacobian(tangent: &Vector6<f64>) -> Matrix6<f64> {
 pub fn left_jacobian_inverse(tangent: &Vector6<f64>) -> Matrix6<f64> {
     let (omega, t) = split(tangent);
     let inverse = so3::left_jacobian_inverse(&omega);
-    blocks(
-        &inverse,
-        &(-inverse * coupling(&omega, &t) * inverse),
-        &inverse,
-    )
+    blocks(&inverse, &(-inverse * coupling(&omega, &t) * inverse), &inverse)
 }
 
 /// The right Jacobian `J`: `exp(ξ + δ) = exp(ξ) exp(J δ)` to first order.

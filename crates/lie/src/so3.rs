@@ -36,17 +36,9 @@ pub fn exp(omega: &Vector3<f64>) -> Rotation3<f64> {
 /// Goes through the unit quaternion, which keeps all digits near 0 and near π, where arccos of the trace keeps half.
 pub fn log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     let q = quaternion(rotation);
-    let (v, w) = if q.w < 0.0 {
-        (-q.imag(), -q.w)
-    } else {
-        (q.imag(), q.w)
-    };
+    let (v, w) = if q.w < 0.0 { (-q.imag(), -q.w) } else { (q.imag(), q.w) };
     let s = v.norm();
-    v * if s < f64::MIN_POSITIVE {
-        2.0 / w
-    } else {
-        2.0 * s.atan2(w) / s
-    }
+    v * if s < f64::MIN_POSITIVE { 2.0 / w } else { 2.0 * s.atan2(w) / s }
 }
 
 /// The unit quaternion of a rotation, by the largest of its four components (Shepperd 1978).
@@ -57,26 +49,11 @@ pub fn quaternion(rotation: &Rotation3<f64>) -> Quaternion<f64> {
     let (w, x, y, z) = if t >= m.m11.max(m.m22).max(m.m33) {
         (1.0 + t, skew.x, skew.y, skew.z)
     } else if m.m11 >= m.m22.max(m.m33) {
-        (
-            skew.x,
-            1.0 + m.m11 - m.m22 - m.m33,
-            m.m12 + m.m21,
-            m.m13 + m.m31,
-        )
+        (skew.x, 1.0 + m.m11 - m.m22 - m.m33, m.m12 + m.m21, m.m13 + m.m31)
     } else if m.m22 >= m.m33 {
-        (
-            skew.y,
-            m.m12 + m.m21,
-            1.0 - m.m11 + m.m22 - m.m33,
-            m.m23 + m.m32,
-        )
+        (skew.y, m.m12 + m.m21, 1.0 - m.m11 + m.m22 - m.m33, m.m23 + m.m32)
     } else {
-        (
-            skew.z,
-            m.m13 + m.m31,
-            m.m23 + m.m32,
-            1.0 - m.m11 - m.m22 + m.m33,
-        )
+        (skew.z, m.m13 + m.m31, m.m23 + m.m32, 1.0 - m.m11 - m.m22 + m.m33)
     };
     Quaternion::new(w, x, y, z).normalize()
 }
@@ -129,7 +106,5 @@ pub fn nearest(matrix: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     }
     let mut signs = Vector3::repeat(1.0);
     signs[smallest] = d;
-    Some(Rotation3::from_matrix_unchecked(
-        u * Matrix3::from_diagonal(&signs) * v_t,
-    ))
+    Some(Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&signs) * v_t))
 }

@@ -17,9 +17,7 @@ fn omega() -> impl Strategy<Value = Vector3<f64>> {
         (-18.0..0.0_f64).prop_map(|e| 10f64.powf(e)),
         (-12.0..-1.0_f64).prop_map(|e| std::f64::consts::PI - 10f64.powf(e)),
     ];
-    (vector(1.0), angle).prop_filter_map("axis", |(axis, angle)| {
-        axis.try_normalize(1e-3).map(|axis| axis * angle)
-    })
+    (vector(1.0), angle).prop_filter_map("axis", |(axis, angle)| axis.try_normalize(1e-3).map(|axis| axis * angle))
 }
 
 fn tangent() -> impl Strategy<Value = Vector6<f64>> {
@@ -132,12 +130,7 @@ proptest! {
 
 #[test]
 fn logarithm_at_a_half_turn() {
-    for axis in [
-        Vector3::x(),
-        Vector3::y(),
-        Vector3::z(),
-        Vector3::new(2.0, -1.0, 2.0) / 3.0,
-    ] {
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z(), Vector3::new(2.0, -1.0, 2.0) / 3.0] {
         let half = 2.0 * axis * axis.transpose() - Matrix3::identity();
         let w = so3::log(&Rotation3::from_matrix_unchecked(half));
         assert!((w.norm() - std::f64::consts::PI).abs() < 1e-15);
