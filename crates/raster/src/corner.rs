@@ -1,4 +1,4 @@
-//! A projected vertex in fixed point.
+//! Projected vertices in fixed point.
 
 /// Sub-pixel bits: positions are snapped to 1/4096 pixel.
 pub(crate) const SUBPIXEL_BITS: u32 = 12;
@@ -17,4 +17,43 @@ pub(crate) struct Corner {
     pub(crate) y: i32,
     /// 1 / camera z: linear over the picture of a triangle, larger is nearer.
     pub(crate) w: f32,
+}
+
+/// All vertices of a mesh on the image plane.
+#[derive(Debug, Default)]
+pub(crate) struct Projected {
+    /// Positions as in [`Corner`].
+    pub(crate) xy: Vec<[i32; 2]>,
+    pub(crate) w: Vec<f32>,
+}
+
+impl Projected {
+    pub(crate) fn resize(&mut self, vertices: usize) {
+        self.xy.resize(vertices, [0; 2]);
+        self.w.resize(vertices, 0.0);
+    }
+
+    /// The position of a vertex; one that does not exist must be clipped.
+    #[inline(always)]
+    pub(crate) fn position(&self, vertex: u32) -> [i32; 2] {
+        self.xy.get(vertex as usize).copied().unwrap_or([CLIP, 0])
+    }
+
+    #[inline(always)]
+    pub(crate) fn corner(&self, vertex: u32) -> Corner {
+        let [x, y] = self.position(vertex);
+        Corner { x, y, w: self.w.get(vertex as usize).copied().unwrap_or(0.0) }
+    }
+}
+
+/// Twice the signed area, positive for corners that run clockwise in the picture (y down).
+#[inline(always)]
+pub(crate) fn twice_area(a: Corner, b: Corner, c: Corner) -> i64 {
+    i64::from(b.x - a.x) * i64::from(c.y - a.y) - i64::from(b.y - a.y) * i64::from(c.x - a.x)
+}
+
+/// The first pixel whose centre is not before a coordinate.
+#[inline(always)]
+pub(crate) fn first_pixel(coordinate: i32) -> i32 {
+    (coordinate + ((1 << SUBPIXEL_BITS) - 1)) >> SUBPIXEL_BITS
 }

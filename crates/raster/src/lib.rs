@@ -13,6 +13,7 @@ mod outline;
 mod projector;
 mod raycaster;
 mod renderer;
+mod sieve;
 mod triangles;
 
 pub use gbuffer::{GBuffer, NO_FACE};

@@ -1,6 +1,7 @@
 //! From the mesh frame to fixed-point image coordinates.
 
 use crate::corner::{CLIP, Corner, SUBPIXELS};
+use fearless_simd::{Level, dispatch};
 use nalgebra::{Matrix3x4, Point2, Point3, Vector2, Vector3};
 use std::f64::consts::TAU;
 use texreg_camera::Camera;
@@ -149,7 +150,12 @@ impl<'a> Projector<'a> {
     }
 
     /// Projects vertices to snapped positions and reciprocal depths; what needs clipping gets [`CLIP`].
-    pub(crate) fn project(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+    pub(crate) fn project(&self, level: Level, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+        dispatch!(level, _simd => self.project_all(positions, xy, w));
+    }
+
+    #[inline(always)]
+    fn project_all(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
         if self.lens.camera.distortion.is_none() {
             self.project_ideal(positions, xy, w);
         } else {
@@ -157,6 +163,7 @@ impl<'a> Projector<'a> {
         }
     }
 
+    #[inline(always)]
     fn project_ideal(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
         let k = self.lens.camera.intrinsics.matrix();
         let scaled = nalgebra::Matrix3::from_diagonal(&Vector3::new(SUBPIXELS, SUBPIXELS, 1.0));
@@ -174,6 +181,7 @@ impl<'a> Projector<'a> {
         }
     }
 
+    #[inline(always)]
     fn project_distorted(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
         let camera = &self.lens.camera;
         let [k1, k2, p1, p2, k3] = camera.distortion.to_array();
@@ -199,6 +207,7 @@ impl<'a> Projector<'a> {
 }
 
 /// Rounds to the nearest integer, for |x| < 2³¹: adding 1.5·2⁵² leaves the integer in the low mantissa bits.
+#[inline(always)]
 fn snap(x: f64) -> i32 {
     (x + 6_755_399_441_055_744.0).to_bits() as i32
 }

@@ -1,10 +1,11 @@
 //! The pipeline: project all vertices once, sift the triangles, draw the rest band by band.
 
-use crate::band::{Band, first_pixel, twice_area};
-use crate::clip::{Vertex, clip};
-use crate::corner::{CLIP, Corner, SUBPIXEL_BITS};
+use crate::band::Band;
+use crate::corner::{Corner, Projected, SUBPIXEL_BITS, first_pixel};
 use crate::projector::{Lens, Projector};
+use crate::sieve::{Fragment, Sieve, Sink};
 use crate::{GBuffer, NO_FACE, Options, Raycaster, Triangles};
+use fearless_simd::{Level, dispatch, prelude::*};
 use nalgebra::Point2;
 use rayon::prelude::*;
 use texreg_camera::Camera;
@@ -27,29 +28,18 @@ pub fn render(mesh: &Triangles, camera: &Camera, camera_from_mesh: &Pose, option
 ///
 /// The picture depends on mesh, camera, pose and options alone: not on threads, nor on what was rendered before. Where two
 /// surfaces have the same depth at a pixel, the lower face index is seen.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Renderer {
+    level: Level,
     lens: Option<Lens>,
     projected: Projected,
     chunks: Vec<Chunk>,
 }
 
-/// All vertices on the image plane.
-#[derive(Debug, Default)]
-struct Projected {
-    xy: Vec<[i32; 2]>,
-    w: Vec<f32>,
-}
-
-/// What is left of a run of consecutive triangles, by bands.
-#[derive(Debug, Default)]
-struct Chunk {
-    /// Faces that touch each band.
-    faces: Vec<Vec<u32>>,
-    /// Pieces from the clipper.
-    pieces: Vec<(u32, [Corner; 3])>,
-    /// Pieces that touch each band.
-    piece_indices: Vec<Vec<u32>>,
+impl Default for Renderer {
+    fn default() -> Self {
+        Self { level: Level::new(), lens: None, projected: Projected::default(), chunks: Vec::new() }
+    }
 }
 
 impl Renderer {
@@ -79,24 +69,23 @@ impl Renderer {
         let lens = self.lens.get_or_insert_with(|| Lens::new(camera));
         let near = if options.near > 0.0 { options.near } else { Options::NEAR };
         let projector = Projector::new(lens, camera_from_mesh, near);
+        let work = mesh.positions.len() + mesh.indices.len() + gbuffer.depth.len();
+        let threads = rayon::current_num_threads();
+        let spread = options.parallel && threads > 1 && work >= WORTH_SPREADING;
+        project(&mut self.projected, self.level, mesh, &projector, spread);
         let sieve = Sieve {
             mesh,
             projector: &projector,
+            projected: &self.projected,
             cull: options.cull_back_faces,
             bounds: [camera.width as i32, camera.height as i32],
         };
-        let finish = |band: &mut Band, barycentric: &mut [[f32; 2]]| {
-            finish(band, barycentric, mesh, camera, camera_from_mesh);
-        };
-        let work = mesh.indices.len() + gbuffer.depth.len();
-        let threads = rayon::current_num_threads();
-        if options.parallel && threads > 1 && work >= WORTH_SPREADING {
-            self.projected.spread(mesh, &projector);
+        let finisher = Finisher { level: self.level, mesh, raycaster: Raycaster::new(camera, camera_from_mesh) };
+        if spread {
             let bands = Bands::new(gbuffer, threads);
-            sift_all(&mut self.chunks, &sieve, &self.projected, &bands, threads);
-            bands.draw(gbuffer, &self.chunks, mesh, &self.projected, finish);
+            bands.sift(self.level, &sieve, &mut self.chunks, threads);
+            bands.draw(self.level, &sieve, &self.chunks, gbuffer, &finisher);
         } else {
-            self.projected.fill(mesh, &projector);
             let mut band = Band {
                 top: 0,
                 width: camera.width as i32,
@@ -105,112 +94,81 @@ impl Renderer {
                 face: &mut gbuffer.face,
             };
             band.clear();
-            sieve.sift(0..mesh.indices.len(), &self.projected, &mut |face, corners, _| {
-                band.draw(face, corners);
-            });
-            finish(&mut band, &mut gbuffer.barycentric);
+            sieve.sift(self.level, 0..mesh.indices.len(), &mut band);
+            finisher.finish(&mut band, &mut gbuffer.barycentric);
         }
     }
 }
 
-impl Projected {
-    fn resize(&mut self, vertices: usize) {
-        self.xy.resize(vertices, [0; 2]);
-        self.w.resize(vertices, 0.0);
-    }
-
-    fn fill(&mut self, mesh: &Triangles, projector: &Projector) {
-        self.resize(mesh.positions.len());
-        projector.project(mesh.positions, &mut self.xy, &mut self.w);
-    }
-
-    fn spread(&mut self, mesh: &Triangles, projector: &Projector) {
-        self.resize(mesh.positions.len());
-        let parts = self.xy.par_chunks_mut(VERTICES).zip(self.w.par_chunks_mut(VERTICES));
-        mesh.positions
-            .par_chunks(VERTICES)
-            .zip(parts)
-            .for_each(|(positions, (xy, w))| projector.project(positions, xy, w));
-    }
-
-    /// The projected corners of a triangle whose indices are known to be good.
-    fn corners(&self, triangle: [u32; 3]) -> [Corner; 3] {
-        triangle.map(|i| {
-            let [x, y] = self.xy[i as usize];
-            Corner { x, y, w: self.w[i as usize] }
-        })
+/// Projects all vertices.
+fn project(projected: &mut Projected, level: Level, mesh: &Triangles, projector: &Projector, spread: bool) {
+    projected.resize(mesh.positions.len());
+    let Projected { xy, w } = projected;
+    if spread {
+        let parts = xy.par_chunks_mut(VERTICES).zip(w.par_chunks_mut(VERTICES));
+        let all = mesh.positions.par_chunks(VERTICES).zip(parts);
+        all.for_each(|(positions, (xy, w))| projector.project(level, positions, xy, w));
+    } else {
+        projector.project(level, mesh.positions, xy, w);
     }
 }
 
-/// Decides which triangles are worth drawing.
-struct Sieve<'a> {
-    mesh: &'a Triangles<'a>,
-    projector: &'a Projector<'a>,
-    cull: bool,
-    bounds: [i32; 2],
+/// What is left of a run of consecutive triangles, by bands.
+#[derive(Debug, Default)]
+struct Chunk {
+    bands: Vec<Bin>,
+    /// log2 of the rows in a band.
+    shift: u32,
 }
 
-impl Sieve<'_> {
-    /// Calls `keep(face, corners, is_whole)` for each triangle of a range that may cover a pixel centre, and for each
-    /// visible piece of those that must be clipped or split.
-    fn sift(
-        &self,
-        range: std::ops::Range<usize>,
-        projected: &Projected,
-        keep: &mut impl FnMut(u32, [Corner; 3], bool),
-    ) {
-        let [width, height] = self.bounds;
-        let longest = self.projector.lens.longest_edge;
-        for (&triangle, face) in self.mesh.indices[range.clone()].iter().zip(range.start as u32..) {
-            let [Some(&a), Some(&b), Some(&c)] = triangle.map(|i| projected.xy.get(i as usize)) else {
-                continue;
-            };
-            if a[0] == CLIP || b[0] == CLIP || c[0] == CLIP {
-                self.cut(face, triangle, projected, keep);
-                continue;
-            }
-            let (left, right) = (a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]));
-            let (top, bottom) = (a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]));
-            let (x0, x1) = (first_pixel(left).max(0), (right >> SUBPIXEL_BITS).min(width - 1));
-            let (y0, y1) = (first_pixel(top).max(0), (bottom >> SUBPIXEL_BITS).min(height - 1));
-            if x0 > x1 || y0 > y1 {
-                continue;
-            }
-            if (right - left).max(bottom - top) > longest {
-                self.cut(face, triangle, projected, keep);
-                continue;
-            }
-            let corners = projected.corners(triangle);
-            let [a, b, c] = corners;
-            let area = twice_area(a, b, c);
-            if area < 0 || (area > 0 && !self.cull) {
-                keep(face, corners, true);
-            }
+/// What is left of them in one band.
+#[derive(Debug, Default)]
+struct Bin {
+    fragments: Vec<Fragment>,
+    faces: Vec<u32>,
+    pieces: Vec<(u32, [Corner; 3])>,
+}
+
+impl Chunk {
+    fn reset(&mut self, bands: &Bands) {
+        self.shift = bands.shift;
+        self.bands.resize_with(bands.count, Bin::default);
+        for bin in &mut self.bands {
+            bin.fragments.clear();
+            bin.faces.clear();
+            bin.pieces.clear();
         }
     }
 
-    /// Sends a triangle through the clipper.
-    fn cut(&self, face: u32, triangle: [u32; 3], projected: &Projected, keep: &mut impl FnMut(u32, [Corner; 3], bool)) {
-        let Some(positions) = self.mesh.corners(face) else {
-            return;
-        };
-        let corners = projected.corners(triangle);
-        let vertices = std::array::from_fn(|k| Vertex {
-            point: self.projector.in_camera(positions[k]),
-            corner: Some(corners[k]).filter(|corner| corner.x != CLIP),
-        });
-        clip(self.projector, vertices, &mut |[a, b, c]| {
-            let area = twice_area(a, b, c);
-            if area < 0 || (area > 0 && !self.cull) {
-                keep(face, [a, b, c], false);
-            }
-        });
+    /// The bins of the bands a triangle's rows fall into; it is known to reach the picture.
+    fn touched(&mut self, [a, b, c]: &[Corner; 3]) -> &mut [Bin] {
+        let (top, bottom) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
+        let end = self.bands.len() - 1;
+        let band = |row: i32| ((row.max(0) >> self.shift) as usize).min(end);
+        let touched = band(first_pixel(top))..=band(bottom >> SUBPIXEL_BITS);
+        &mut self.bands[touched]
     }
 }
 
-/// How the picture is cut into strips of rows.
+impl Sink for Chunk {
+    #[inline(always)]
+    fn fragment(&mut self, fragment: Fragment, y: u32) {
+        self.bands[(y >> self.shift) as usize].fragments.push(fragment);
+    }
+
+    fn triangle<S: Simd>(&mut self, _simd: S, face: u32, corners: [Corner; 3]) {
+        self.touched(&corners).iter_mut().for_each(|bin| bin.faces.push(face));
+    }
+
+    fn piece<S: Simd>(&mut self, _simd: S, face: u32, corners: [Corner; 3]) {
+        self.touched(&corners).iter_mut().for_each(|bin| bin.pieces.push((face, corners)));
+    }
+}
+
+/// How the picture is cut into strips of rows, each drawn by one thread.
 struct Bands {
-    rows: usize,
+    /// log2 of the rows in a band.
+    shift: u32,
     count: usize,
     width: usize,
 }
@@ -218,105 +176,83 @@ struct Bands {
 impl Bands {
     fn new(gbuffer: &GBuffer, threads: usize) -> Self {
         let height = gbuffer.height as usize;
-        let rows = height.div_ceil(8 * threads).max(8);
-        Self { rows, count: height.div_ceil(rows), width: gbuffer.width as usize }
+        let shift = (height / (8 * threads)).clamp(8, 64).ilog2();
+        Self { shift, count: height.div_ceil(1 << shift), width: gbuffer.width as usize }
     }
 
-    /// The bands a triangle's rows fall into; it is known to reach the picture.
-    fn touched(&self, [a, b, c]: &[Corner; 3]) -> std::ops::RangeInclusive<usize> {
-        let row = |y: i32| (y.max(0) as usize / self.rows).min(self.count - 1);
-        let (top, bottom) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
-        row(first_pixel(top))..=row(bottom >> SUBPIXEL_BITS)
+    /// Sifts all triangles into bins, in chunks of consecutive faces.
+    fn sift(&self, level: Level, sieve: &Sieve, chunks: &mut Vec<Chunk>, threads: usize) {
+        let faces = sieve.mesh.indices.len();
+        let size = faces.div_ceil(8 * threads).max(2048);
+        chunks.resize_with(faces.div_ceil(size), Chunk::default);
+        chunks.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, chunk)| {
+            chunk.reset(self);
+            sieve.sift(level, index * size..((index + 1) * size).min(faces), chunk);
+        });
     }
 
-    fn draw(
-        &self,
-        gbuffer: &mut GBuffer,
-        chunks: &[Chunk],
-        mesh: &Triangles,
-        projected: &Projected,
-        finish: impl Fn(&mut Band, &mut [[f32; 2]]) + Sync,
-    ) {
-        let size = self.rows * self.width;
+    fn draw(&self, level: Level, sieve: &Sieve, chunks: &[Chunk], gbuffer: &mut GBuffer, finisher: &Finisher) {
+        let size = self.width << self.shift;
         let mut barycentric: Vec<&mut [[f32; 2]]> = gbuffer.barycentric.chunks_mut(size).collect();
         barycentric.resize_with(self.count, Default::default);
-        gbuffer
-            .depth
-            .par_chunks_mut(size)
-            .zip(gbuffer.face.par_chunks_mut(size))
-            .zip(barycentric)
-            .enumerate()
-            .with_max_len(1)
-            .for_each(|(index, ((w, face), barycentric))| {
-                let mut band = Band {
-                    top: (index * self.rows) as i32,
-                    width: self.width as i32,
-                    height: (w.len() / self.width) as i32,
-                    w,
-                    face,
-                };
-                band.clear();
-                for chunk in chunks {
-                    for &face in &chunk.faces[index] {
-                        band.draw(face, projected.corners(mesh.indices[face as usize]));
-                    }
-                    for &piece in &chunk.piece_indices[index] {
-                        let (face, corners) = chunk.pieces[piece as usize];
-                        band.draw(face, corners);
-                    }
-                }
-                finish(&mut band, barycentric);
-            });
+        let strips = gbuffer.depth.par_chunks_mut(size).zip(gbuffer.face.par_chunks_mut(size)).zip(barycentric);
+        strips.enumerate().with_max_len(1).for_each(|(index, ((w, face), barycentric))| {
+            let top = (index << self.shift) as i32;
+            let height = (w.len() / self.width) as i32;
+            let mut band = Band { top, width: self.width as i32, height, w, face };
+            band.clear();
+            let bins = chunks.iter().map(|chunk| &chunk.bands[index]);
+            dispatch!(level, simd => draw_all(simd, &mut band, bins, sieve));
+            finisher.finish(&mut band, barycentric);
+        });
     }
 }
 
-/// Sifts all triangles into the bands, in chunks of consecutive faces.
-fn sift_all(chunks: &mut Vec<Chunk>, sieve: &Sieve, projected: &Projected, bands: &Bands, threads: usize) {
-    let faces = sieve.mesh.indices.len();
-    let size = faces.div_ceil(8 * threads).max(1024);
-    chunks.resize_with(faces.div_ceil(size), Chunk::default);
-    chunks.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, chunk)| {
-        chunk.clear(bands.count);
-        let range = index * size..((index + 1) * size).min(faces);
-        sieve.sift(range, projected, &mut |face, corners, is_whole| {
-            let touched = bands.touched(&corners);
-            if is_whole {
-                touched.for_each(|band| chunk.faces[band].push(face));
-            } else {
-                touched.for_each(|band| chunk.piece_indices[band].push(chunk.pieces.len() as u32));
-                chunk.pieces.push((face, corners));
-            }
-        });
-    });
-}
-
-impl Chunk {
-    fn clear(&mut self, bands: usize) {
-        for lists in [&mut self.faces, &mut self.piece_indices] {
-            lists.resize_with(bands, Vec::new);
-            lists.iter_mut().for_each(Vec::clear);
+/// Draws what the chunks have left in one band.
+#[inline(always)]
+fn draw_all<'a, S: Simd>(simd: S, band: &mut Band, bins: impl Iterator<Item = &'a Bin>, sieve: &Sieve) {
+    for bin in bins {
+        for &fragment in &bin.fragments {
+            band.put(fragment);
         }
-        self.pieces.clear();
+        for &face in &bin.faces {
+            let triangle = sieve.mesh.indices[face as usize];
+            band.triangle(simd, face, triangle.map(|i| sieve.projected.corner(i)));
+        }
+        for &(face, corners) in &bin.pieces {
+            band.triangle(simd, face, corners);
+        }
     }
 }
 
 /// Turns the 1/z of a drawn band into z and fills in the barycentrics asked for.
-fn finish(band: &mut Band, barycentric: &mut [[f32; 2]], mesh: &Triangles, camera: &Camera, camera_from_mesh: &Pose) {
-    for w in band.w.iter_mut() {
-        *w = 1.0 / *w;
-    }
-    if barycentric.is_empty() {
-        return;
-    }
-    let mut raycaster = Raycaster::new(camera, camera_from_mesh);
-    let rows = barycentric.chunks_exact_mut(band.width as usize).zip(band.face.chunks_exact(band.width as usize));
-    for ((barycentric, faces), y) in rows.zip(band.top..) {
-        for ((weights, &face), x) in barycentric.iter_mut().zip(faces).zip(0..) {
-            let pixel = Point2::new(f64::from(x), f64::from(y));
-            *weights = match face {
-                NO_FACE => [0.0; 2],
-                face => raycaster.barycentric(mesh, face, pixel).unwrap_or_default(),
-            };
+struct Finisher<'a> {
+    level: Level,
+    mesh: &'a Triangles<'a>,
+    raycaster: Raycaster,
+}
+
+impl Finisher<'_> {
+    fn finish(&self, band: &mut Band, barycentric: &mut [[f32; 2]]) {
+        dispatch!(self.level, _simd => {
+            for w in band.w.iter_mut() {
+                *w = 1.0 / *w;
+            }
+        });
+        if barycentric.is_empty() {
+            return;
+        }
+        let width = band.width as usize;
+        let mut raycaster = self.raycaster.clone();
+        let rows = barycentric.chunks_exact_mut(width).zip(band.face.chunks_exact(width));
+        for ((barycentric, faces), y) in rows.zip(band.top..) {
+            for ((weights, &face), x) in barycentric.iter_mut().zip(faces).zip(0..) {
+                let pixel = Point2::new(f64::from(x), f64::from(y));
+                *weights = match face {
+                    NO_FACE => [0.0; 2],
+                    face => raycaster.barycentric(self.mesh, face, pixel).unwrap_or_default(),
+                };
+            }
         }
     }
 }

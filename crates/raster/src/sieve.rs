@@ -1,0 +1,273 @@
+//! Which triangles cover a pixel centre at all, sixteen at a time.
+//!
+//! Most triangles of a scan are about as large as a pixel or smaller and lie between the centres, or cover one or two. So
+//! the boxes of all triangles are tested first; what is left and small is then tested pixel by pixel with a triangle in each
+//! lane, and only larger triangles are drawn one by one.
+
+use crate::Triangles;
+use crate::clip::{Vertex, clip};
+use crate::corner::{CLIP, Corner, Projected, SUBPIXEL_BITS, first_pixel, twice_area};
+use crate::projector::Projector;
+use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, prelude::*};
+
+/// Triangles looked at together.
+const LANES: usize = 16;
+
+/// Triangles sifted before the small ones among them are drawn.
+const BLOCK: usize = 32 * LANES;
+
+/// Edge functions of a triangle in a box of this many units fit in an i32.
+const SMALL: i32 = 7 << SUBPIXEL_BITS;
+
+/// A small triangle's box has at most this many pixels a side.
+const SMALL_PIXELS: i32 = 4;
+
+/// Where visible pieces of triangles go.
+pub(crate) trait Sink {
+    /// The picture of a triangle at one pixel.
+    fn fragment(&mut self, fragment: Fragment, y: u32);
+    /// A triangle to be drawn.
+    fn triangle<S: Simd>(&mut self, simd: S, face: u32, corners: [Corner; 3]);
+    /// A piece of a triangle to be drawn.
+    fn piece<S: Simd>(&mut self, simd: S, face: u32, corners: [Corner; 3]);
+}
+
+/// What a triangle shows at a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fragment {
+    /// Index of the pixel in the picture.
+    pub(crate) pixel: u32,
+    pub(crate) face: u32,
+    /// 1/z.
+    pub(crate) w: f32,
+}
+
+/// Decides which triangles are worth drawing.
+pub(crate) struct Sieve<'a> {
+    pub(crate) mesh: &'a Triangles<'a>,
+    pub(crate) projector: &'a Projector<'a>,
+    pub(crate) projected: &'a Projected,
+    pub(crate) cull: bool,
+    /// Width and height of the picture.
+    pub(crate) bounds: [i32; 2],
+}
+
+/// Corner positions of sixteen triangles.
+struct Batch<S: Simd> {
+    x: [i32x16<S>; 3],
+    y: [i32x16<S>; 3],
+}
+
+/// Their boxes and what pixels those may cover within the picture.
+struct Boxes<S: Simd> {
+    left: i32x16<S>,
+    width: i32x16<S>,
+    height: i32x16<S>,
+    first: [i32x16<S>; 2],
+    last: [i32x16<S>; 2],
+}
+
+impl Sieve<'_> {
+    /// Passes on whatever a range of triangles may show.
+    pub(crate) fn sift(&self, level: Level, range: std::ops::Range<usize>, sink: &mut impl Sink) {
+        dispatch!(level, simd => self.sift_with(simd, range, sink));
+    }
+
+    #[inline(always)]
+    fn sift_with<S: Simd>(&self, simd: S, range: std::ops::Range<usize>, sink: &mut impl Sink) {
+        let mut small = [0; BLOCK];
+        for start in range.clone().step_by(BLOCK) {
+            let mut count = 0;
+            for start in (start..range.end.min(start + BLOCK)).step_by(LANES) {
+                let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
+                let (boxed, rest) = self.classify(simd, triangles);
+                for lane in bits(boxed) {
+                    small[count] = (start + lane) as u32;
+                    count += 1;
+                }
+                for lane in bits(rest) {
+                    self.pass_on(simd, (start + lane) as u32, triangles[lane], sink);
+                }
+            }
+            for faces in small[..count].chunks(LANES) {
+                self.cover(simd, faces, sink);
+            }
+        }
+    }
+
+    /// The small triangles whose boxes hold pixel centres, and the others that may be seen, as bit masks.
+    #[inline(always)]
+    fn classify<S: Simd>(&self, simd: S, triangles: &[[u32; 3]]) -> (u64, u64) {
+        let mut x = [[CLIP; LANES]; 3];
+        let mut y = [[0; LANES]; 3];
+        for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
+            for k in 0..3 {
+                [x[k][lane], y[k][lane]] = self.projected.position(triangle[k]);
+            }
+        }
+        let batch = Batch { x: x.map(|x| x.simd_into(simd)), y: y.map(|y| y.simd_into(simd)) };
+        let boxes = batch.boxes(simd, self.bounds);
+        let clipped = boxes.left.simd_eq(CLIP);
+        let seen = boxes.last[0].simd_ge(boxes.first[0]) & boxes.last[1].simd_ge(boxes.first[1]);
+        let pixels = (boxes.last[0] - boxes.first[0]).max(boxes.last[1] - boxes.first[1]);
+        let longest = SMALL.min(self.projector.lens.longest_edge);
+        let small = boxes.width.max(boxes.height).simd_lt(longest) & pixels.simd_lt(SMALL_PIXELS);
+        let area = batch.twice_area();
+        let facing = if self.cull { area.simd_lt(0) } else { !area.simd_eq(0) };
+        let drawn = seen & small & facing & !clipped;
+        let rest = clipped | (seen & !small);
+        let valid = (1 << triangles.len()) - 1;
+        (drawn.to_bitmask() & valid, rest.to_bitmask() & valid)
+    }
+
+    /// Draws small triangles, one a lane, pixel by pixel of their boxes.
+    #[inline(always)]
+    fn cover<S: Simd>(&self, simd: S, faces: &[u32], sink: &mut impl Sink) {
+        let mut x = [[0; LANES]; 3];
+        let mut y = [[0; LANES]; 3];
+        let mut w = [[0.0; LANES]; 3];
+        for (lane, &face) in faces.iter().enumerate().take(LANES) {
+            let triangle = self.mesh.indices[face as usize];
+            for k in 0..3 {
+                let corner = self.projected.corner(triangle[k]);
+                (x[k][lane], y[k][lane], w[k][lane]) = (corner.x, corner.y, corner.w);
+            }
+        }
+        let mut batch = Batch { x: x.map(|x| x.simd_into(simd)), y: y.map(|y| y.simd_into(simd)) };
+        let mut w: [f32x16<S>; 3] = w.map(|w| w.simd_into(simd));
+        let Boxes { first, last, .. } = batch.boxes(simd, self.bounds);
+        let area = batch.twice_area();
+        let turned = area.simd_lt(0);
+        for values in [&mut batch.x, &mut batch.y] {
+            (values[1], values[2]) =
+                (turned.select(values[2], values[1]), turned.select(values[1], values[2]));
+        }
+        (w[1], w[2]) = (turned.select(w[2], w[1]), turned.select(w[1], w[2]));
+        let scale = f32x16::splat(simd, 1.0) / area.max(-area).to_float::<f32x16<S>>();
+        let w = w.map(|w| w * scale);
+        // Edge k is opposite to corner k; `edge` is its function at the pixel, `open` is −1 where its points do not belong.
+        let start = first.map(|first| first << SUBPIXEL_BITS);
+        let sides = [(1, 2), (2, 0), (0, 1)].map(|(p, q)| {
+            let (dx, dy) = (batch.x[q] - batch.x[p], batch.y[q] - batch.y[p]);
+            let edge = dx * (start[1] - batch.y[p]) - dy * (start[0] - batch.x[p]);
+            let closed = dy.simd_lt(0) | (dy.simd_eq(0) & dx.simd_gt(0));
+            let open = closed.select(i32x16::splat(simd, 0), i32x16::splat(simd, -1));
+            (edge, open, dx << SUBPIXEL_BITS, dy << SUBPIXEL_BITS)
+        });
+        let valid = (1_u64 << faces.len()) - 1;
+        let [columns, rows] = [last[0] - first[0], last[1] - first[1]];
+        let origin: [i32; LANES] = (first[1] * self.bounds[0] + first[0]).into();
+        let top: [i32; LANES] = first[1].into();
+        for row in 0..SMALL_PIXELS {
+            let in_row = rows.simd_ge(row);
+            if in_row.to_bitmask() & valid == 0 {
+                break;
+            }
+            let mut edges = sides.map(|(edge, _, dx, _)| edge + dx * row);
+            for column in 0..SMALL_PIXELS {
+                let in_box: mask32x16<S> = in_row & columns.simd_ge(column);
+                if in_box.to_bitmask() & valid == 0 {
+                    break;
+                }
+                let signs = (edges[0] + sides[0].1) | (edges[1] + sides[1].1) | (edges[2] + sides[2].1);
+                let covered = (in_box & signs.simd_ge(0)).to_bitmask() & valid;
+                if covered != 0 {
+                    let [a, b, c] = edges.map(|edge| edge.to_float::<f32x16<S>>());
+                    let here: [f32; LANES] = (a * w[0] + b * w[1] + c * w[2]).into();
+                    for lane in bits(covered) {
+                        let pixel = (origin[lane] + row * self.bounds[0] + column) as u32;
+                        let fragment = Fragment { pixel, face: faces[lane], w: here[lane] };
+                        sink.fragment(fragment, (top[lane] + row) as u32);
+                    }
+                }
+                for (edge, side) in edges.iter_mut().zip(&sides) {
+                    *edge -= side.3;
+                }
+            }
+        }
+    }
+
+    /// Passes on a triangle that is not small, through the clipper where needed.
+    #[inline(always)]
+    fn pass_on<S: Simd>(&self, simd: S, face: u32, triangle: [u32; 3], sink: &mut impl Sink) {
+        let corners = triangle.map(|i| self.projected.corner(i));
+        let [a, b, c] = corners;
+        let long = |p: Corner, q: Corner| {
+            p.x.abs_diff(q.x).max(p.y.abs_diff(q.y)) > self.projector.lens.longest_edge as u32
+        };
+        if corners.iter().any(|corner| corner.x == CLIP) || long(a, b) || long(b, c) || long(c, a) {
+            self.cut(simd, face, corners, sink);
+        } else if self.faces_us(corners) {
+            sink.triangle(simd, face, corners);
+        }
+    }
+
+    /// Passes on what the clipper leaves of a triangle.
+    fn cut<S: Simd>(&self, simd: S, face: u32, corners: [Corner; 3], sink: &mut impl Sink) {
+        let Some(positions) = self.mesh.corners(face) else { return };
+        let vertices = std::array::from_fn(|k| Vertex {
+            point: self.projector.in_camera(positions[k]),
+            corner: Some(corners[k]).filter(|corner| corner.x != CLIP),
+        });
+        clip(self.projector, vertices, &mut |piece| {
+            if self.faces_us(piece) && self.may_show(piece) {
+                sink.piece(simd, face, piece);
+            }
+        });
+    }
+
+    /// Whether a triangle has area, seen from a side that is to be drawn.
+    fn faces_us(&self, [a, b, c]: [Corner; 3]) -> bool {
+        let area = twice_area(a, b, c);
+        area < 0 || (area > 0 && !self.cull)
+    }
+
+    /// Whether a triangle's box holds a pixel centre of the picture.
+    fn may_show(&self, [a, b, c]: [Corner; 3]) -> bool {
+        let holds = |a: i32, b: i32, c: i32, size: i32| {
+            first_pixel(a.min(b).min(c)).max(0) <= (a.max(b).max(c) >> SUBPIXEL_BITS).min(size - 1)
+        };
+        holds(a.x, b.x, c.x, self.bounds[0]) && holds(a.y, b.y, c.y, self.bounds[1])
+    }
+}
+
+impl<S: Simd> Batch<S> {
+    #[inline(always)]
+    fn boxes(&self, simd: S, [width, height]: [i32; 2]) -> Boxes<S> {
+        let (left, right) = range(self.x);
+        let (top, bottom) = range(self.y);
+        let zero = i32x16::splat(simd, 0);
+        let last = |size: i32| i32x16::splat(simd, size - 1);
+        let round_up = (1 << SUBPIXEL_BITS) - 1;
+        Boxes {
+            left,
+            width: right - left,
+            height: bottom - top,
+            first: [left, top].map(|v| ((v + round_up) >> SUBPIXEL_BITS).max(zero)),
+            last: [(right >> SUBPIXEL_BITS).min(last(width)), (bottom >> SUBPIXEL_BITS).min(last(height))],
+        }
+    }
+
+    #[inline(always)]
+    fn twice_area(&self) -> i32x16<S> {
+        let ([ax, bx, cx], [ay, by, cy]) = (self.x, self.y);
+        (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    }
+}
+
+#[inline(always)]
+fn range<S: Simd>([a, b, c]: [i32x16<S>; 3]) -> (i32x16<S>, i32x16<S>) {
+    (a.min(b).min(c), a.max(b).max(c))
+}
+
+/// The positions of the bits that are set, lowest first.
+#[inline(always)]
+fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = mask.trailing_zeros() as usize;
+        (mask != 0).then(|| {
+            mask &= mask - 1;
+            lane
+        })
+    })
+}
