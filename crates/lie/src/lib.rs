@@ -10,10 +10,24 @@
 //! Formulas follow T. D. Barfoot, *State Estimation for Robotics*, 2017, chapter 7; every coefficient that loses digits
 //! near θ = 0 has its power series up to θ = 1.
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
+mod axis_angle;
+mod chart;
 pub mod check;
 mod coefficients;
+mod embedded;
+mod euler;
+mod left;
 mod pose;
 pub mod se3;
 pub mod so3;
 
+pub use axis_angle::AxisAngle;
+pub use chart::{Around, Chart};
+pub use embedded::{InMatrices, InQuaternions};
+pub use euler::Euler;
+pub use left::Left;
 pub use pose::Pose;

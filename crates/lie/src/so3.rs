@@ -64,6 +64,12 @@ pub fn left_jacobian(omega: &Vector3<f64>) -> Matrix3<f64> {
     quadratic(omega, versine(theta), third(theta))
 }
 
+/// ∂R/∂ω₁, ∂R/∂ω₂, ∂R/∂ω₃ of `R = exp(ω)`: `hat(J eₖ) R` with J the left Jacobian.
+pub fn exp_derivatives(omega: &Vector3<f64>) -> [Matrix3<f64>; 3] {
+    let (rotation, jacobian) = (exp(omega), left_jacobian(omega));
+    [0, 1, 2].map(|k| hat(&jacobian.column(k).into_owned()) * rotation.matrix())
+}
+
 /// The inverse of [`left_jacobian`]; singular at ‖ω‖ = 2π.
 pub fn left_jacobian_inverse(omega: &Vector3<f64>) -> Matrix3<f64> {
     quadratic(omega, -0.5, inverse(omega.norm()))
