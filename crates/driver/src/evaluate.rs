@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 use texreg_camera::{Camera, View};
+use texreg_lie::Pose;
 
 use crate::files::{CameraFile, FileError, read_cameras};
 
@@ -86,16 +87,34 @@ pub fn score(truth: &TruePhoto, diagonal: f64, view: &View) -> Score {
     };
     let displacements: Vec<f64> = truth.visible.iter().map(displacement).collect();
     let mean_px = displacements.iter().sum::<f64>() / displacements.len() as f64;
+    let motion = motion(&a.pose, &b.pose, diagonal);
     let focal = |get: fn(&Camera) -> f64| 100.0 * (get(&b.camera) / get(&a.camera) - 1.0);
     let image_diagonal = f64::from(a.camera.width).hypot(f64::from(a.camera.height));
     Score {
-        rotation_deg: (b.pose.rotation * a.pose.rotation.inverse()).angle().to_degrees(),
-        centre_over_bbox: (a.pose.center() - b.pose.center()).norm() / diagonal,
+        rotation_deg: motion.rotation_deg,
+        centre_over_bbox: motion.distance_pct / 100.0,
         mean_px,
         max_px: displacements.iter().copied().fold(0.0, f64::max),
         focal_pct: focal(|camera| camera.intrinsics.fx),
         focal_y_pct: focal(|camera| camera.intrinsics.fy),
         ok: mean_px < 0.002 * image_diagonal,
         strict: mean_px < 1.0,
+    }
+}
+
+/// How far a camera is from another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Angle between the two orientations in degrees.
+    pub rotation_deg: f64,
+    /// Distance of the two centres in percent of the diagonal of the model's bounding box.
+    pub distance_pct: f64,
+}
+
+/// The motion from one pose, camera from world, to another; `diagonal` is that of the model's bounding box.
+pub fn motion(from: &Pose, to: &Pose, diagonal: f64) -> Motion {
+    Motion {
+        rotation_deg: (to.rotation * from.rotation.inverse()).angle().to_degrees(),
+        distance_pct: 100.0 * (to.center() - from.center()).norm() / diagonal,
     }
 }

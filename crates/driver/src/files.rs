@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use texreg_camera::{Camera, Distortion, Intrinsics, View};
 use texreg_lie::{Pose, so3};
+use texreg_posit::Correspondence;
 
 /// How far any entry of `R Rᵀ` may be from the identity before `R` is refused as a rotation.
 const ROTATION_TOLERANCE: f64 = 1e-3;
@@ -99,6 +100,30 @@ impl CameraEntry {
         Self { file: file.into(), lens: Lens::from(&view.camera), pose: view.pose, other: Map::new() }
     }
 
+    /// The entry as JSON: what a `cameras.json` says of the photo.
+    pub fn keys(&self) -> Map<String, Value> {
+        let mut keys = Map::new();
+        keys.insert("file".into(), json!(self.file));
+        if let Some([width, height]) = self.lens.size {
+            keys.insert("width".into(), json!(width));
+            keys.insert("height".into(), json!(height));
+        }
+        let mut k = json!({"fx": self.lens.focal[0], "fy": self.lens.focal[1]});
+        for (key, value) in ["cx", "cy"].into_iter().zip(self.lens.principal) {
+            if let Some(value) = value {
+                k[key] = json!(value);
+            }
+        }
+        k["skew"] = json!(self.lens.skew);
+        keys.insert("K".into(), k);
+        keys.insert("distortion".into(), json!(self.lens.distortion.to_array()));
+        let rows: [[f64; 3]; 3] = self.pose.rotation.matrix().transpose().into();
+        keys.insert("R".into(), json!(rows));
+        keys.insert("T".into(), json!(<[f64; 3]>::from(self.pose.translation)));
+        keys.extend(self.other.clone());
+        keys
+    }
+
     /// The view this entry states for a photo of the given width and height.
     pub fn view(&self, size: [u32; 2]) -> View {
         View { camera: self.lens.camera(size), pose: self.pose }
@@ -145,8 +170,8 @@ impl LensFile {
 pub struct PairsEntry {
     /// The photo's file name.
     pub file: String,
-    /// World points and their pixels.
-    pub points: Vec<(Point3<f64>, Point2<f64>)>,
+    /// Its correspondences.
+    pub points: Vec<Correspondence>,
 }
 
 /// The last part of a path as text: the name by which photos and entries find each other.
@@ -188,7 +213,7 @@ pub fn read_pairs(path: &Path) -> Result<Vec<PairsEntry>, FileError> {
     }
     let entries = Fields::open(path)?.photos()?.into_iter().map(|mut fields| {
         let points: Vec<Pair> = fields.take("points")?;
-        let points = points.iter().map(|p| (Point3::from(p.xyz), Point2::from(p.uv))).collect();
+        let points = points.iter().map(|p| Correspondence::new(Point3::from(p.xyz), Point2::from(p.uv))).collect();
         Ok(PairsEntry { file: fields.photo.unwrap_or_default(), points })
     });
     entries.collect()
@@ -202,12 +227,9 @@ pub fn write_cameras(path: &Path, cameras: &CameraFile) -> Result<(), FileError>
     }
     text += " \"photos\": [";
     for (i, entry) in cameras.photos.iter().enumerate() {
-        text += if i == 0 { "\n  {" } else { ",\n  {" };
-        let keys = [("file".to_owned(), json!(entry.file))].into_iter().chain(lens_keys(&entry.lens));
-        let keys = keys.chain(pose_keys(&entry.pose)).chain(entry.other.clone());
-        let lines: Vec<String> = keys.map(|(key, value)| format!("\n   {}: {value}", json!(key))).collect();
-        text += &lines.join(",");
-        text += "\n  }";
+        let keys = entry.keys();
+        let lines: Vec<String> = keys.iter().map(|(key, value)| format!("\n   {}: {value}", json!(key))).collect();
+        text += &format!("{}\n  {{{}\n  }}", if i == 0 { "" } else { "," }, lines.join(","));
     }
     text += "\n ]\n}\n";
     write_atomic(path, text.as_bytes())
@@ -239,25 +261,6 @@ fn describe(error: &std::io::Error) -> String {
         None => error.kind().to_string(),
     };
     text.split(" (os error").next().unwrap_or_default().to_lowercase()
-}
-
-fn lens_keys(lens: &Lens) -> impl Iterator<Item = (String, Value)> {
-    let size = lens.size.into_iter().flat_map(|[w, h]| [("width", json!(w)), ("height", json!(h))]);
-    let mut k = json!({"fx": lens.focal[0], "fy": lens.focal[1], "skew": lens.skew});
-    for (key, value) in ["cx", "cy"].into_iter().zip(lens.principal) {
-        if let Some(value) = value {
-            k[key] = json!(value);
-        }
-    }
-    let keys = size.chain([("K", k), ("distortion", json!(lens.distortion.to_array()))]);
-    keys.map(|(key, value)| (key.to_owned(), value))
-}
-
-fn pose_keys(pose: &Pose) -> impl Iterator<Item = (String, Value)> {
-    let r = pose.rotation.matrix();
-    let rows: Vec<[f64; 3]> = r.row_iter().map(|row| [row[0], row[1], row[2]]).collect();
-    let t = &pose.translation;
-    [("R".to_owned(), json!(rows)), ("T".to_owned(), json!([t.x, t.y, t.z]))].into_iter()
 }
 
 /// The keys of one JSON object that have not been read yet, and where that object stands.

@@ -109,8 +109,8 @@ fn pairs_are_read_in_their_order() {
     );
     let pairs = read_pairs(&path).unwrap();
     assert_eq!(pairs[0].file, "a.jpg");
-    assert_eq!(pairs[0].points[1].0, Point3::new(6.0, 7.0, 8.0));
-    assert_eq!(pairs[0].points[0].1, nalgebra::Point2::new(4.0, 5.5));
+    assert_eq!(pairs[0].points[1].point, Point3::new(6.0, 7.0, 8.0));
+    assert_eq!(pairs[0].points[0].pixel, nalgebra::Point2::new(4.0, 5.5));
     let (_folder, path) = file(r#"{"photos": [{"file": "a.jpg", "points": [{"xyz": [1, 2, 3], "uv": [4]}]}]}"#);
     let error = read_pairs(&path).unwrap_err().to_string();
     assert!(error.contains("photo a.jpg, field points[0].uv"), "{error}");
