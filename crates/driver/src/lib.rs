@@ -1,16 +1,34 @@
 //! Registration of photographs to surfaces by mutual information.
+//!
+//! [`register`] takes a model, a photo and a rough view and hands back the view that maximizes the metric, with a verdict.
+//! Around it stand the doors: [`Photo`], the camera files, and the score against known cameras.
 
+mod error;
 mod evaluate;
 mod files;
 mod layer;
+mod objective;
+mod options;
 mod overlay;
+mod overview;
+mod parameters;
 mod photo;
+mod pyramid;
+mod register;
+mod samples;
+mod search;
+mod signal;
 
+pub use error::Error;
 pub use evaluate::{Motion, Score, TruePhoto, Truth, motion, read_truth, score};
 pub use files::{
     CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
     write_atomic, write_cameras,
 };
 pub use layer::{Layer, layer};
+pub use options::{MetricName, Options, RotationName, SignalName, SolverName};
 pub use overlay::{Panel, overlay};
+pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
+pub use register::{Event, Outcome, Registration, Stage, Status, register};
+pub use signal::{Both, Normals, Ranked, Signal, Surfel};

@@ -139,8 +139,7 @@ impl Sieve<'_> {
         let area = batch.twice_area();
         let turned = area.simd_lt(0);
         for values in [&mut batch.x, &mut batch.y] {
-            (values[1], values[2]) =
-                (turned.select(values[2], values[1]), turned.select(values[1], values[2]));
+            (values[1], values[2]) = (turned.select(values[2], values[1]), turned.select(values[1], values[2]));
         }
         (w[1], w[2]) = (turned.select(w[2], w[1]), turned.select(w[1], w[2]));
         let scale = f32x16::splat(simd, 1.0) / area.max(-area).to_float::<f32x16<S>>();
@@ -192,9 +191,8 @@ impl Sieve<'_> {
     fn pass_on<S: Simd>(&self, simd: S, face: u32, triangle: [u32; 3], sink: &mut impl Sink) {
         let corners = triangle.map(|i| self.projected.corner(i));
         let [a, b, c] = corners;
-        let long = |p: Corner, q: Corner| {
-            p.x.abs_diff(q.x).max(p.y.abs_diff(q.y)) > self.projector.lens.longest_edge as u32
-        };
+        let long =
+            |p: Corner, q: Corner| p.x.abs_diff(q.x).max(p.y.abs_diff(q.y)) > self.projector.lens.longest_edge as u32;
         if corners.iter().any(|corner| corner.x == CLIP) || long(a, b) || long(b, c) || long(c, a) {
             self.cut(simd, face, corners, sink);
         } else if self.faces_us(corners) {

@@ -1,0 +1,194 @@
+//! How well a view explains a photo, as a function of the view: fixed surface samples, moved by the camera through one level
+//! of the photo.
+//!
+//! With the metric `M` over the density of pairs (bin `u_i`, photo value `v_i`), `∂M/∂ξ = 1/N Σ s_i g_i` for the scores
+//! `s_i = N ∂M/∂v_i` and `g_i = ∂v_i/∂ξ`, the photo's gradient times the projection's Jacobian. The curvature is the empirical
+//! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`.
+
+use crate::Refine;
+use crate::parameters::{MOST, POSE};
+use crate::pyramid::Level;
+use crate::samples::SurfaceSamples;
+use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
+use rayon::prelude::*;
+use texreg_camera::{Camera, View};
+use texreg_mi::{Density, Metric, Samples};
+use texreg_optim::{Derivatives, Objective};
+
+/// What is known of the camera before the photo was looked at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Prior {
+    /// The expected camera.
+    pub(crate) camera: Camera,
+    /// What the prior counts for, against one photo: the reciprocal of the number of independent samples in it.
+    pub(crate) weight: f64,
+}
+
+/// The metric over the views of one photo.
+pub(crate) struct PhotoObjective<'a> {
+    pub(crate) samples: &'a SurfaceSamples,
+    pub(crate) level: &'a Level,
+    pub(crate) density: &'a dyn Density,
+    pub(crate) metric: &'a dyn Metric,
+    pub(crate) refine: Refine,
+    pub(crate) prior: Prior,
+    seen: Option<Seen>,
+    /// How often the metric was evaluated.
+    pub(crate) evaluations: usize,
+}
+
+/// What the samples show from the view that was evaluated last.
+struct Seen {
+    view: View,
+    values: Vec<f32>,
+    slopes: Vec<[f32; 2]>,
+    /// The metric's derivatives by cell of the joint density.
+    table: Vec<f64>,
+}
+
+/// Samples summed by one task: fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 2048;
+
+impl<'a> PhotoObjective<'a> {
+    pub(crate) fn new(
+        samples: &'a SurfaceSamples,
+        level: &'a Level,
+        density: &'a dyn Density,
+        metric: &'a dyn Metric,
+        refine: Refine,
+        prior: Prior,
+    ) -> Self {
+        Self { samples, level, density, metric, refine, prior, seen: None, evaluations: 0 }
+    }
+
+    /// Minus half the squared distance from the expected camera in standard deviations, weighted.
+    fn log_prior(&self, view: &View) -> f64 {
+        let offset = self.refine.offset(&self.prior.camera, &view.camera);
+        let deviations = self.refine.deviations(&self.prior.camera);
+        -0.5 * self.prior.weight * offset.iter().zip(deviations).map(|(x, d)| (x / d).powi(2)).sum::<f64>()
+    }
+}
+
+impl Objective<View> for PhotoObjective<'_> {
+    fn value(&mut self, at: &View) -> Option<f64> {
+        self.evaluations += 1;
+        let camera = self.level.camera(&at.camera);
+        let count = self.samples.points.len();
+        let mut values = vec![f32::NAN; count];
+        let mut slopes = vec![[0.0; 2]; count];
+        self.samples
+            .points
+            .par_chunks(CHUNK)
+            .zip(values.par_chunks_mut(CHUNK))
+            .zip(slopes.par_chunks_mut(CHUNK))
+            .for_each(|((points, values), slopes)| {
+                for ((point, value), slope) in points.iter().zip(values).zip(slopes) {
+                    let pixel = camera.project(&at.pose.transform_point(point));
+                    if let Some([v, dx, dy]) = pixel.and_then(|p| self.level.sample(p.x, p.y)) {
+                        *value = v;
+                        *slope = [dx, dy];
+                    }
+                }
+            });
+        let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
+        let value = self.metric.value(&joint);
+        let table = self.metric.derivative(&joint);
+        self.seen = Some(Seen { view: *at, values, slopes, table });
+        Some(value + self.log_prior(at)).filter(|value| value.is_finite())
+    }
+
+    fn derivatives(&mut self, at: &View) -> Derivatives {
+        if self.seen.as_ref().is_none_or(|seen| seen.view != *at) {
+            self.value(at);
+        }
+        let seen = self.seen.as_ref().expect("the view was just evaluated");
+        let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &seen.values }, &seen.table);
+        let camera = self.level.camera(&at.camera);
+        let dimension = self.refine.dimension();
+        let sums: Vec<Sums> = self
+            .samples
+            .points
+            .par_chunks(CHUNK)
+            .zip(seen.slopes.par_chunks(CHUNK))
+            .zip(scores.par_chunks(CHUNK))
+            .map(|((points, slopes), scores)| {
+                let mut sums = Sums::default();
+                for ((point, slope), &score) in points.iter().zip(slopes).zip(scores) {
+                    if score != 0.0 {
+                        let gradient = f64::from(score) * Vector2::new(f64::from(slope[0]), f64::from(slope[1]));
+                        if let Some(row) = chain(at, &camera, self.refine, self.level.scale, point, &gradient) {
+                            sums.add(&row[..dimension]);
+                        }
+                    }
+                }
+                sums
+            })
+            .collect();
+        let scale = 1.0 / self.samples.points.len().max(1) as f64;
+        let mut total = Sums::default();
+        sums.iter().for_each(|part| total.merge(part));
+        let mut gradient = DVector::from_fn(dimension, |i, _| scale * total.first[i]);
+        let mut curvature = DMatrix::from_fn(dimension, dimension, |i, j| scale * total.second[i.max(j)][i.min(j)]);
+        let offset = self.refine.offset(&self.prior.camera, &at.camera);
+        for (k, (x, d)) in offset.iter().zip(self.refine.deviations(&self.prior.camera)).enumerate() {
+            let precision = self.prior.weight / (d * d);
+            gradient[POSE + k] -= precision * x;
+            curvature[(POSE + k, POSE + k)] += precision;
+        }
+        Derivatives { gradient, curvature }
+    }
+}
+
+/// `gradientᵀ · ∂pixel/∂step` for one point; `gradient` is by the level's pixels.
+#[inline]
+fn chain(
+    view: &View,
+    camera: &Camera,
+    refine: Refine,
+    scale: f64,
+    point: &Point3<f64>,
+    gradient: &Vector2<f64>,
+) -> Option<[f64; MOST]> {
+    let turned: Vector3<f64> = view.pose.rotation * point.coords;
+    let in_camera = Point3::from(turned + view.pose.translation);
+    let mut row = [0.0; MOST];
+    let by_point = if refine == Refine::default() {
+        camera.project_with_jacobian(&in_camera)?.1.tr_mul(gradient)
+    } else {
+        let projection = camera.project_with_jacobians(&in_camera)?;
+        refine.chain(camera, scale, &projection, gradient, &mut row[POSE..]);
+        projection.point.tr_mul(gradient)
+    };
+    // A step ω turns the point about the model's origin: d(exp(ω) R X)/dω = −[R X]×.
+    row[..3].copy_from_slice(turned.cross(&by_point).as_slice());
+    row[3..6].copy_from_slice(by_point.as_slice());
+    Some(row)
+}
+
+/// Sums of rows and of the lower triangles of their outer products.
+#[derive(Default)]
+struct Sums {
+    first: [f64; MOST],
+    second: [[f64; MOST]; MOST],
+}
+
+impl Sums {
+    #[inline]
+    fn add(&mut self, row: &[f64]) {
+        for (i, x) in row.iter().enumerate() {
+            self.first[i] += x;
+            for (sum, y) in self.second[i][..=i].iter_mut().zip(row) {
+                *sum += x * y;
+            }
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for i in 0..MOST {
+            self.first[i] += other.first[i];
+            for j in 0..=i {
+                self.second[i][j] += other.second[i][j];
+            }
+        }
+    }
+}

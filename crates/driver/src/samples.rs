@@ -1,0 +1,119 @@
+//! Samples on the surface: what a view sees of the model, and the background around it.
+
+use crate::pyramid::Level;
+use crate::signal::{Signal, Surfel};
+use nalgebra::{Matrix3, Point2, Point3};
+use rayon::prelude::*;
+use texreg_camera::{Camera, View};
+use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, Triangles, outline};
+use texreg_surface::Mesh;
+
+/// Surface points with fixed bins.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SurfaceSamples {
+    /// The points in the model's frame, relative to its origin.
+    pub(crate) points: Vec<Point3<f64>>,
+    /// The bin of each: the signal's, or one more for the background.
+    pub(crate) bins: Vec<u16>,
+}
+
+/// How a view is sampled.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sampling {
+    /// About how many points of the surface.
+    pub(crate) surface: usize,
+    /// At most about how many of the background.
+    pub(crate) halo: usize,
+    /// How far around the silhouette the background is sampled, in pixels of the level.
+    pub(crate) band: f32,
+}
+
+/// Renders a model and picks samples from the pictures.
+pub(crate) struct Sampler<'a> {
+    mesh: &'a Mesh,
+    signal: &'a dyn Signal,
+    renderer: Renderer,
+    picture: GBuffer,
+}
+
+impl<'a> Sampler<'a> {
+    pub(crate) fn new(mesh: &'a Mesh, signal: &'a dyn Signal) -> Self {
+        Self { mesh, signal, renderer: Renderer::new(), picture: GBuffer::default() }
+    }
+
+    /// Samples what a view, whose pose is relative to the model's origin, sees at a level's resolution. Empty where it sees
+    /// nothing of the model.
+    ///
+    /// Halo samples are points of the background beside the silhouette, put at the depth of the nearest outline point: they
+    /// move rigidly with the object and share one bin, so that they hold its occluding contour.
+    pub(crate) fn sample(&mut self, view: &View, level: &Level, sampling: &Sampling) -> SurfaceSamples {
+        let camera = level.camera(&view.camera);
+        let mesh = Triangles { positions: &self.mesh.positions, indices: &self.mesh.triangles };
+        self.renderer.render(&mesh, &camera, &view.pose, &Options::default(), &mut self.picture);
+        let picture = &self.picture;
+        let covered = picture.covered();
+        if covered == 0 {
+            return SurfaceSamples::default();
+        }
+        let width = picture.width as usize;
+        let share = sampling.surface as f32 / covered as f32;
+        let rotation: Matrix3<f32> = view.pose.rotation.matrix().cast();
+        let rows: Vec<Vec<(Point3<f64>, u16)>> = picture
+            .face
+            .par_chunks(width)
+            .enumerate()
+            .with_min_len(16)
+            .map_init(
+                || Raycaster::new(&camera, &view.pose),
+                |raycaster, (y, faces)| {
+                    let kept = |&(x, &face): &(usize, &u32)| face != NO_FACE && dither(x, y) < share;
+                    let seen = faces.iter().enumerate().filter(kept);
+                    let samples = seen.filter_map(|(x, &face)| {
+                        let [v, w] = raycaster.barycentric(&mesh, face, Point2::new(x as f64, y as f64))?;
+                        let corners = self.mesh.triangles[face as usize];
+                        let weights = [1.0 - v - w, v, w];
+                        let point = corners.iter().zip(weights).map(|(&corner, weight)| {
+                            let position = self.mesh.positions[corner as usize].map(f64::from);
+                            f64::from(weight) * Point3::from(position).coords
+                        });
+                        let point = Point3::from(point.sum::<nalgebra::Vector3<f64>>());
+                        let surfel = Surfel { mesh: self.mesh, corners, weights, camera_from_mesh: &rotation };
+                        Some((point, self.signal.bin(&surfel) as u16))
+                    });
+                    samples.collect()
+                },
+            )
+            .collect();
+        let (mut points, mut bins): (Vec<_>, Vec<_>) = rows.into_iter().flatten().unzip();
+        let halo = self.halo(view, &camera, sampling);
+        bins.resize(bins.len() + halo.len(), self.signal.bins() as u16);
+        points.extend(halo);
+        SurfaceSamples { points, bins }
+    }
+
+    fn halo(&self, view: &View, camera: &Camera, sampling: &Sampling) -> Vec<Point3<f64>> {
+        if sampling.halo == 0 || sampling.band < 1.0 {
+            return Vec::new();
+        }
+        let width = self.picture.width as usize;
+        let pixels = outline(&self.picture, sampling.band);
+        let share = sampling.halo as f32 / pixels.len() as f32;
+        let mesh_from_camera = view.pose.inverse();
+        let kept = pixels.into_iter().filter_map(|halo| {
+            let (x, y) = (halo.pixel as usize % width, halo.pixel as usize / width);
+            (dither(x, y) < share).then_some((x, y, halo.nearest as usize))
+        });
+        let points = kept.filter_map(|(x, y, nearest)| {
+            let ray = camera.unproject(&Point2::new(x as f64, y as f64))?;
+            let depth = f64::from(self.picture.depth[nearest]);
+            Some(mesh_from_camera.transform_point(&Point3::from(ray * depth)))
+        });
+        points.collect()
+    }
+}
+
+/// A threshold in `0..1` for each pixel, spread evenly over any neighbourhood: J. Jimenez, *Next generation post processing
+/// in Call of Duty: Advanced Warfare*, SIGGRAPH 2014 (interleaved gradient noise).
+fn dither(x: usize, y: usize) -> f32 {
+    (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract()
+}
