@@ -1,19 +1,23 @@
 //! What can be typed after `texreg`.
 
+use std::fmt::Display;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::str::FromStr;
 
-use clap::{Parser, Subcommand};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{ArgGroup, Parser, Subcommand};
+use texreg::driver::{Layer, MetricName, SignalName};
 
 /// Lays photographs onto scanned 3D models.
 #[derive(Debug, Parser)]
 #[command(name = "texreg", version, max_term_width = 100)]
 pub(crate) struct Args {
     /// Work with at most this many threads [default: one a core]
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, display_order = 100, value_name = "N")]
     pub(crate) threads: Option<NonZeroUsize>,
     /// Print the result to standard output as one JSON object
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 101)]
     pub(crate) json: bool,
     /// What to do.
     #[command(subcommand)]
@@ -23,8 +27,91 @@ pub(crate) struct Args {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// Find each photo's camera, from point pairs or from a rough camera
+    Register(Register),
+    /// Find each photo's camera from point pairs alone
+    Pose(Pose),
+    /// Draw what the metric sees of the model, as PNG
+    Render(Render),
     /// Score cameras against the true ones
     Evaluate(Evaluate),
+}
+
+/// What `register` and `pose` have in common.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Inputs {
+    /// The model: a triangle mesh in a PLY or OBJ file
+    pub(crate) model: PathBuf,
+    /// The photos: JPEG, PNG or TIFF
+    #[arg(required = true, value_name = "PHOTO")]
+    pub(crate) photos: Vec<PathBuf>,
+    /// Points of the model and the pixels that show them, four or more a photo: a correspondences.json
+    #[arg(long, display_order = 0, value_name = "FILE")]
+    pub(crate) pairs: Option<PathBuf>,
+    /// Intrinsics and distortion: a camera.json, or a cameras.json that names the photos [default: --init's, or EXIF's]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) camera: Option<PathBuf>,
+    /// The folder to write to
+    #[arg(short, long, value_name = "DIR", default_value = "texreg-out")]
+    pub(crate) output: PathBuf,
+}
+
+/// `texreg register`
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("start").required(true).args(["pairs", "init"]))]
+pub(crate) struct Register {
+    #[command(flatten)]
+    pub(crate) inputs: Inputs,
+    /// Start from these cameras: a cameras.json
+    #[arg(long, display_order = 0, value_name = "FILE")]
+    pub(crate) init: Option<PathBuf>,
+    /// The measure of agreement
+    #[arg(long, value_name = "NAME", default_value_t, value_parser = named(MetricName::ALL))]
+    pub(crate) metric: MetricName,
+    /// What the model predicts, one or more [default: what the model has]
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
+    pub(crate) signal: Vec<SignalName>,
+    /// Parts of the camera to refine with the pose
+    #[arg(long, value_name = "PART", value_delimiter = ',')]
+    pub(crate) refine: Vec<Part>,
+    /// The seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u64,
+}
+
+/// A part of the camera that can be refined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Part {
+    /// The focal length
+    Focal,
+    /// The principal point
+    Principal,
+    /// The distortion coefficients
+    Distortion,
+}
+
+/// `texreg pose`
+#[derive(Debug, clap::Args)]
+#[command(group = ArgGroup::new("start").required(true).args(["pairs"]))]
+pub(crate) struct Pose {
+    #[command(flatten)]
+    pub(crate) inputs: Inputs,
+}
+
+/// `texreg render`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Render {
+    /// The model: a triangle mesh in a PLY or OBJ file
+    pub(crate) model: PathBuf,
+    /// The cameras to see it from: a cameras.json
+    #[arg(long, value_name = "FILE")]
+    pub(crate) cameras: PathBuf,
+    /// What to draw, one or more [default: what the model has]
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(Layer::ALL))]
+    pub(crate) signal: Vec<Layer>,
+    /// The folder to write to
+    #[arg(short, long, value_name = "DIR", default_value = "texreg-out")]
+    pub(crate) output: PathBuf,
 }
 
 /// `texreg evaluate`
@@ -35,4 +122,12 @@ pub(crate) struct Evaluate {
     /// The true cameras: a cameras.json with bbox_diagonal, and width, height and visible_points in each entry
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: PathBuf,
+}
+
+/// Reads one of the names that `all` the values have.
+fn named<T>(all: &'static [T]) -> impl TypedValueParser<Value = T>
+where
+    T: Clone + Display + FromStr<Err = String> + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all.iter().map(ToString::to_string)).try_map(|name| name.parse())
 }

@@ -5,6 +5,12 @@
 
 mod args;
 mod evaluate;
+mod inputs;
+mod output;
+mod pose;
+mod register;
+mod render;
+mod report;
 
 use std::process::ExitCode;
 
@@ -36,6 +42,9 @@ fn run(args: &Args) -> anyhow::Result<Ending> {
         rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
     }
     match &args.command {
+        Command::Register(register) => register::run(register, args.json),
+        Command::Pose(pose) => pose::run(pose, args.json),
+        Command::Render(render) => render::run(render, args.json),
         Command::Evaluate(evaluate) => evaluate::run(evaluate, args.json),
     }
 }

@@ -1,4 +1,5 @@
-//! Overlay pictures: the model's outline and its shaded normals over the photo, one panel a camera, side by side.
+//! Overlay pictures: the model's outline and its shaded normals over the photo, one panel a camera, side by side
+//! or, where the model is wide, one below the other.
 //!
 //! All panels show the same part of the photo, the part the model covers in any of them with a margin around it. The
 //! model is rendered at twice the panel's resolution; the outline is where the depth jumps there, drawn as a bright line
@@ -18,8 +19,10 @@ use crate::Photo;
 
 /// Rendered pixels to a picture's pixel, along each axis.
 const FINE: u32 = 2;
-/// The greatest width of the whole picture and the greatest height of a panel, in pixels.
-const LIMIT: (u32, u32) = (1600, 1000);
+/// The greatest width and height of the whole picture, in pixels.
+const LIMIT: [u32; 2] = [1600, 1000];
+/// The greatest enlargement of a photo.
+const ENLARGED: f64 = 4.0;
 /// The width of the strip between panels, in pixels.
 const GAP: u32 = 6;
 /// The share of the shaded model where it lies over the photo.
@@ -42,32 +45,34 @@ pub struct Panel<'a> {
     pub colour: [u8; 3],
 }
 
-/// Draws the panels side by side, at most 1600 pixels wide.
+/// Draws the panels, all together at most 1600 × 1000 pixels.
 pub fn overlay(mesh: &Mesh, photo: &Photo, panels: &[Panel<'_>]) -> RgbImage {
     let frame = Frame::around(mesh, photo, panels);
-    let (width, height) = (frame.panel.0, frame.panel.1);
+    let [width, height] = frame.panel;
     let part = frame.cut(photo);
     let filter = if width < frame.width { FilterType::Triangle } else { FilterType::CatmullRom };
     let part = imageops::resize(&part, width, height, filter);
-    let count = panels.len() as u32;
-    let mut picture =
-        RgbImage::from_pixel(count * width + count.saturating_sub(1) * GAP, height, Rgb(INK.map(|c| c as u8)));
+    let [total_width, total_height] = frame.total(panels.len());
+    let mut picture = RgbImage::from_pixel(total_width, total_height, Rgb(INK.map(|c| c as u8)));
     for (i, panel) in panels.iter().enumerate() {
         let mut drawn = part.clone();
         draw_model(&mut drawn, mesh, &frame, panel);
         draw_label(&mut drawn, panel);
-        imageops::replace(&mut picture, &drawn, i64::from(i as u32 * (width + GAP)), 0);
+        let at = i as u32 * (frame.panel[frame.axis] + GAP);
+        let (x, y) = if frame.axis == 0 { (at, 0) } else { (0, at) };
+        imageops::replace(&mut picture, &drawn, i64::from(x), i64::from(y));
     }
     picture
 }
 
-/// The part of the photo that is shown and the size it is shown at.
+/// The part of the photo that is shown, the size it is shown at, and the axis along which panels are lined up.
 struct Frame {
     left: u32,
     top: u32,
     width: u32,
     height: u32,
-    panel: (u32, u32),
+    panel: [u32; 2],
+    axis: usize,
 }
 
 impl Frame {
@@ -94,10 +99,21 @@ impl Frame {
         let (left, width) = cut(low[0], high[0], photo.width);
         let (top, height) = cut(low[1], high[1], photo.height);
         let count = panels.len().max(1) as u32;
-        let room = (LIMIT.0 - (count - 1) * GAP) / count;
-        let scale = (f64::from(room) / f64::from(width)).min(f64::from(LIMIT.1) / f64::from(height)).min(4.0);
-        let shown = |n: u32| ((f64::from(n) * scale) as u32).max(1);
-        Self { left, top, width, height, panel: (shown(width), shown(height)) }
+        let scale = |axis: usize| {
+            let mut room = LIMIT;
+            room[axis] = (LIMIT[axis] - (count - 1) * GAP) / count;
+            (f64::from(room[0]) / f64::from(width)).min(f64::from(room[1]) / f64::from(height))
+        };
+        let axis = if scale(0) >= scale(1) { 0 } else { 1 };
+        let shown = |n: u32| ((f64::from(n) * scale(axis).min(ENLARGED)) as u32).max(1);
+        Self { left, top, width, height, panel: [shown(width), shown(height)], axis }
+    }
+
+    /// The size of so many panels in a line.
+    fn total(&self, count: usize) -> [u32; 2] {
+        let mut total = self.panel;
+        total[self.axis] = (self.panel[self.axis] + GAP) * count.max(1) as u32 - GAP;
+        total
     }
 
     /// This part of the photo, pixel by pixel.
@@ -108,7 +124,7 @@ impl Frame {
 
     /// The camera that sees this part of the photo in `FINE` times the panel's pixels.
     fn camera(&self, camera: &Camera) -> Camera {
-        let (width, height) = (self.panel.0 * FINE, self.panel.1 * FINE);
+        let [width, height] = self.panel.map(|n| n * FINE);
         let (sx, sy) = (f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
         let mut camera = *camera;
         (camera.width, camera.height) = (width, height);

@@ -1,0 +1,190 @@
+//! Photos and the files that say something about them: who belongs to whom, and where each photo starts.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, anyhow, bail};
+use texreg::camera::{Camera, View};
+use texreg::driver::{CameraFile, Lens, LensFile, PairsEntry, Photo, base_name, read_cameras, read_lenses, read_pairs};
+use texreg::posit::{self, Correspondence, Solution};
+use texreg::surface::{self, Mesh};
+
+use crate::args;
+
+/// The fewest pairs that make a pose.
+const FEWEST: usize = 4;
+/// A pair farther from where the pose puts it than this share of the photo's diagonal is left out.
+const ASTRAY: f64 = 0.02;
+
+/// The photos of a run and everything the command line says of them, checked as far as is possible without opening a photo.
+pub(crate) struct Inputs {
+    /// The photos' paths.
+    pub(crate) photos: Vec<PathBuf>,
+    start: Start,
+    lenses: Option<(PathBuf, LensFile)>,
+}
+
+/// Where the photos start.
+enum Start {
+    Pairs(PathBuf, Vec<PairsEntry>),
+    Init(PathBuf, CameraFile),
+}
+
+impl Inputs {
+    /// Reads the files and finds each photo's entries in them.
+    pub(crate) fn read(args: &args::Inputs, init: Option<&Path>) -> anyhow::Result<Self> {
+        let mut names = HashSet::new();
+        for path in &args.photos {
+            if !names.insert(name(path)) {
+                bail!("{}: another photo has the same name; rename it, or run them apart", path.display());
+            }
+            File::open(path)
+                .map_err(|e| anyhow!("{}: {}; check the path of the photo", path.display(), cause(&e)))?;
+        }
+        let start = match (&args.pairs, init) {
+            (_, Some(init)) => Start::Init(init.to_owned(), read_cameras(init)?),
+            (Some(pairs), None) => Start::Pairs(pairs.clone(), read_pairs(pairs)?),
+            (None, None) => bail!("no start: give --pairs FILE or --init FILE"),
+        };
+        let lenses = args.camera.as_ref().map(|path| anyhow::Ok((path.clone(), read_lenses(path)?))).transpose()?;
+        let inputs = Self { photos: args.photos.clone(), start, lenses };
+        for path in &inputs.photos {
+            inputs.check(&name(path))?;
+        }
+        Ok(inputs)
+    }
+
+    /// Checks that the files have what the photo needs.
+    fn check(&self, photo: &str) -> anyhow::Result<()> {
+        match &self.start {
+            Start::Pairs(path, entries) => {
+                let entry = entries.iter().find(|entry| base_name(&entry.file) == photo);
+                let named = entries.iter().map(|entry| entry.file.as_str());
+                let entry = entry.with_context(|| unnamed(path, photo, named))?;
+                let count = entry.points.len();
+                if count < FEWEST {
+                    let s = if count == 1 { "" } else { "s" };
+                    bail!(
+                        "{}: photo {photo} has {count} pair{s}; add pairs until it has at least {FEWEST}",
+                        path.display()
+                    );
+                }
+            }
+            Start::Init(path, cameras) => {
+                let named = cameras.photos.iter().map(|entry| entry.file.as_str());
+                cameras.entry(photo).with_context(|| unnamed(path, photo, named))?;
+            }
+        }
+        if let Some((path, LensFile::PerPhoto(lenses))) = &self.lenses {
+            let named = lenses.iter().map(|(file, _)| file.as_str());
+            let known = lenses.iter().any(|(file, _)| base_name(file) == photo);
+            known.then_some(()).with_context(|| unnamed(path, photo, named))?;
+        }
+        Ok(())
+    }
+
+    /// The file the photos start from.
+    pub(crate) fn start_file(&self) -> &Path {
+        match &self.start {
+            Start::Pairs(path, _) | Start::Init(path, _) => path,
+        }
+    }
+
+    /// The view a photo starts from.
+    pub(crate) fn start(&self, photo: &Photo) -> anyhow::Result<View> {
+        match &self.start {
+            Start::Pairs(..) => Ok(self.pose(photo)?.view),
+            Start::Init(path, cameras) => {
+                let named = cameras.photos.iter().map(|entry| entry.file.as_str());
+                let entry = cameras.entry(&photo.file).with_context(|| unnamed(path, &photo.file, named))?;
+                let camera = match &self.lenses {
+                    Some(_) => self.camera(photo)?,
+                    None => fitted(&entry.lens, path, photo)?,
+                };
+                Ok(View { camera, pose: entry.pose })
+            }
+        }
+    }
+
+    /// The pose of a photo from its pairs.
+    pub(crate) fn pose(&self, photo: &Photo) -> anyhow::Result<Solution> {
+        let camera = self.camera(photo)?;
+        let pairs: &[Correspondence] = match &self.start {
+            Start::Pairs(_, entries) => entries
+                .iter()
+                .find(|entry| base_name(&entry.file) == photo.file)
+                .map_or(&[], |entry| entry.points.as_slice()),
+            Start::Init(..) => &[],
+        };
+        let diagonal = f64::from(photo.width).hypot(f64::from(photo.height));
+        let options = posit::Options { threshold: Some(ASTRAY * diagonal), ..posit::Options::default() };
+        posit::pose(pairs, &camera, &options).map_err(|cause| {
+            let file = self.start_file().display();
+            anyhow!("{file}: photo {}: no pose fits the pairs ({cause}); check them, or add more", photo.file)
+        })
+    }
+
+    /// The camera that `--camera` or EXIF gives a photo.
+    fn camera(&self, photo: &Photo) -> anyhow::Result<Camera> {
+        let Some((path, lenses)) = &self.lenses else {
+            let focal = photo.focal().with_context(|| {
+                format!("{}: its EXIF has no 35 mm focal length; give the camera with --camera FILE", photo.file)
+            })?;
+            return Ok(Camera::ideal(photo.width, photo.height, focal));
+        };
+        let lens = lenses.lens(&photo.file).with_context(|| unnamed(path, &photo.file, std::iter::empty()))?;
+        fitted(lens, path, photo)
+    }
+}
+
+/// The camera of a lens, which must be meant for photos of this size.
+fn fitted(lens: &Lens, path: &Path, photo: &Photo) -> anyhow::Result<Camera> {
+    match lens.size {
+        Some([width, height]) if [width, height] != [photo.width, photo.height] => bail!(
+            "{}: its camera is for {width} × {height} pixels, but {} has {} × {}; scale K to the photo, or take the photo \
+             it was made for",
+            path.display(),
+            photo.file,
+            photo.width,
+            photo.height
+        ),
+        _ => Ok(lens.camera([photo.width, photo.height])),
+    }
+}
+
+/// What to say of a file that does not name a photo.
+fn unnamed<'a>(path: &Path, photo: &str, named: impl Iterator<Item = &'a str>) -> String {
+    let mut named: Vec<&str> = named.collect();
+    let more = if named.len() > 4 { ", …" } else { "" };
+    named.truncate(4);
+    let has = if named.is_empty() { String::new() } else { format!(" (it names {}{more})", named.join(", ")) };
+    format!("{}: no entry names the photo {photo}{has}; add one with \"file\": \"{photo}\"", path.display())
+}
+
+/// Loads the model.
+pub(crate) fn model(path: &Path) -> anyhow::Result<Mesh> {
+    use surface::{Defect, Error};
+    surface::load(path).map_err(|error| {
+        let path = path.display();
+        match error {
+            Error::Io { source, .. } => anyhow!("{path}: {}; check the path of the model", cause(&source)),
+            Error::Syntax { .. }
+            | Error::Defect { defect: Defect::IndexOutOfRange { .. } | Defect::AttributeLength { .. }, .. } => {
+                anyhow!("{error}; the file is damaged: export the model again")
+            }
+            Error::Format { .. } | Error::Defect { .. } => anyhow!(error),
+        }
+    })
+}
+
+/// The file name of a photo: what entries call it.
+pub(crate) fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A system error in the words of a sentence, without its number.
+pub(crate) fn cause(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or_default().to_lowercase()
+}

@@ -1,0 +1,198 @@
+//! `texreg register`: from photos with a rough start to cameras, pictures and a report.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+use texreg::driver::{
+    CameraEntry, CameraFile, Motion, Options, Outcome, Panel, Photo, Refine, Stage, Status, motion, overlay, register,
+    write_cameras,
+};
+use texreg::surface::Mesh;
+
+use crate::Ending;
+use crate::args::{Part, Register};
+use crate::inputs::{Inputs, model, name};
+use crate::output::{Output, jpeg, overlay_name, print, table};
+use crate::report;
+
+/// A photo that went through registration.
+pub(crate) struct Registered {
+    /// The photo's file name.
+    pub(crate) file: String,
+    /// What came of it.
+    pub(crate) outcome: Outcome,
+    /// How far the camera moved from its start.
+    pub(crate) motion: Motion,
+    /// The overlay picture, a JPEG file.
+    pub(crate) overlay: Vec<u8>,
+}
+
+impl Registered {
+    /// Whether the verdict is good.
+    pub(crate) fn is_good(&self) -> bool {
+        self.outcome.status == Status::Registered
+    }
+
+    /// The verdict in one word.
+    pub(crate) fn verdict(&self) -> &'static str {
+        word(self.outcome.status)
+    }
+
+    fn entry(&self) -> CameraEntry {
+        let mut entry = CameraEntry::new(&self.file, &self.outcome.view);
+        let (start, end) = self.outcome.similarity;
+        entry.other.insert("status".into(), json!(self.verdict()));
+        entry.other.insert("reasons".into(), json!(self.outcome.reasons));
+        entry.other.insert("similarity".into(), json!({"start": start, "end": end}));
+        entry
+    }
+}
+
+pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
+    let inputs = Inputs::read(&args.inputs, args.init.as_deref())?;
+    let output = Output::open(&args.inputs.output)?;
+    let mesh = model(&args.inputs.model)?;
+    let refines = |part| args.refine.contains(&part);
+    let options = Options {
+        metric: args.metric,
+        signal: args.signal.clone(),
+        refine: Refine {
+            focal: refines(Part::Focal),
+            principal: refines(Part::Principal),
+            distortion: refines(Part::Distortion),
+        },
+        seed: args.seed,
+    };
+    let bar = progress(inputs.photos.len());
+    let photos = inputs.photos.iter().map(|path| one(path, &mesh, &inputs, &options, &bar));
+    let photos: Vec<Registered> = photos.collect::<anyhow::Result<_>>()?;
+    bar.finish_and_clear();
+
+    for photo in &photos {
+        output.write(&overlay_name(&photo.file), &photo.overlay)?;
+    }
+    let file = name(&args.inputs.model);
+    let head = report::Head { command: &command(), model: &file, mesh: &mesh };
+    output.write("report.html", report::html(&head, &photos).as_bytes())?;
+    let cameras = CameraFile { photos: photos.iter().map(Registered::entry).collect(), ..CameraFile::default() };
+    write_cameras(&output.path("cameras.json"), &cameras)?;
+
+    if json {
+        print(&format!("{:#}", object(&args.inputs.model, &output, &mesh, &photos)))?;
+    } else {
+        print(&summary(&photos, &output))?;
+    }
+    Ok(if photos.iter().all(Registered::is_good) { Ending::Good } else { Ending::Doubtful })
+}
+
+fn one(path: &Path, mesh: &Mesh, inputs: &Inputs, options: &Options, bar: &ProgressBar) -> anyhow::Result<Registered> {
+    let photo = Photo::load(path)?;
+    let start = inputs.start(&photo)?;
+    bar.set_message(photo.file.clone());
+    let before = bar.position();
+    let outcome = register(mesh, &photo, &start, options, &mut |event| {
+        bar.set_position(before + PARTS * event.done as u64 / event.of.max(1) as u64);
+    });
+    bar.set_position(before + PARTS);
+    let outcome = outcome.with_context(|| format!("{}: photo {}", inputs.start_file().display(), photo.file))?;
+    let panels = [
+        Panel { label: "start", view: &start, colour: [255, 168, 30] },
+        Panel { label: word(outcome.status), view: &outcome.view, colour: colour(outcome.status) },
+    ];
+    let overlay = jpeg(&overlay(mesh, &photo, &panels))?;
+    let motion = motion(&start.pose, &outcome.view.pose, mesh.diagonal());
+    Ok(Registered { file: photo.file, outcome, motion, overlay })
+}
+
+fn word(status: Status) -> &'static str {
+    match status {
+        Status::Registered => "registered",
+        Status::Uncertain => "uncertain",
+        Status::Failed => "failed",
+    }
+}
+
+fn colour(status: Status) -> [u8; 3] {
+    match status {
+        Status::Registered => [40, 230, 160],
+        Status::Uncertain => [250, 225, 60],
+        Status::Failed => [255, 80, 80],
+    }
+}
+
+/// Steps of the progress bar a photo.
+const PARTS: u64 = 100;
+
+/// A bar on standard error; where that is no terminal, nothing is drawn.
+fn progress(photos: usize) -> ProgressBar {
+    let bar = ProgressBar::new(PARTS * photos as u64);
+    match ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}") {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+/// The command line as it could be typed again.
+fn command() -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=,+:@%".contains(c);
+    let quote = |word: String| {
+        if !word.is_empty() && word.chars().all(plain) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }
+    };
+    let words = std::env::args_os().skip(1).map(|word| quote(word.to_string_lossy().into_owned()));
+    ["texreg".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
+}
+
+fn summary(photos: &[Registered], output: &Output) -> String {
+    let header = ["photo", "verdict", "similarity", "rotated", "moved", "evaluations", "ms", ""];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    for photo in photos {
+        let (start, end) = photo.outcome.similarity;
+        let milliseconds: f64 = photo.outcome.stages.iter().map(|stage| stage.milliseconds).sum();
+        rows.push(vec![
+            photo.file.clone(),
+            photo.verdict().to_owned(),
+            format!("{start:.4} → {end:.4}"),
+            format!("{:.3}°", photo.motion.rotation_deg),
+            format!("{:.3} %", photo.motion.distance_pct),
+            photo.outcome.evaluations().to_string(),
+            format!("{milliseconds:.0}"),
+            photo.outcome.reasons.join("; "),
+        ]);
+    }
+    let good = photos.iter().filter(|photo| photo.is_good()).count();
+    format!("{}{good} of {} registered; see {}", table(&rows), photos.len(), output.path("report.html").display())
+}
+
+/// The result for programs: the entries of `cameras.json`, and how they came about.
+fn object(model: &Path, output: &Output, mesh: &Mesh, photos: &[Registered]) -> Value {
+    let stage = |stage: &Stage| {
+        json!({
+            "name": stage.name,
+            "evaluations": stage.evaluations,
+            "renderings": stage.renderings,
+            "similarity": {"start": stage.similarity.0, "end": stage.similarity.1},
+            "milliseconds": stage.milliseconds,
+        })
+    };
+    let photo = |photo: &Registered| {
+        let mut object = photo.entry().keys();
+        object.insert("rotated_deg".into(), json!(photo.motion.rotation_deg));
+        object.insert("moved_pct".into(), json!(photo.motion.distance_pct));
+        object.insert("evaluations".into(), json!(photo.outcome.evaluations()));
+        object.insert("stages".into(), photo.outcome.stages.iter().map(stage).collect());
+        Value::Object(object)
+    };
+    json!({
+        "model": {
+            "file": model.display().to_string(),
+            "vertices": mesh.positions.len(),
+            "triangles": mesh.triangles.len(),
+            "diagonal": mesh.diagonal(),
+        },
+        "cameras": output.path("cameras.json").display().to_string(),
+        "report": output.path("report.html").display().to_string(),
+        "photos": photos.iter().map(photo).collect::<Vec<_>>(),
+    })
+}
