@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::Context as _;
+use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use texreg::driver::{
-    CameraEntry, CameraFile, Motion, Options, Outcome, Panel, Photo, Refine, Stage, Status, motion, overlay, register,
-    write_cameras,
+    CameraEntry, CameraFile, Error, Motion, Options, Outcome, Panel, Photo, Refine, Stage, Status, motion, overlay,
+    register, write_cameras,
 };
 use texreg::surface::Mesh;
 
@@ -96,7 +96,10 @@ fn one(path: &Path, mesh: &Mesh, inputs: &Inputs, options: &Options, bar: &Progr
         bar.set_position(before + PARTS * event.done as u64 / event.of.max(1) as u64);
     });
     bar.set_position(before + PARTS);
-    let outcome = outcome.with_context(|| format!("{}: photo {}", inputs.start_file().display(), photo.file))?;
+    let outcome = outcome.map_err(|error| match error {
+        Error::NoReflectance => anyhow!("{}: {error}", inputs.model.display()),
+        Error::NothingVisible => anyhow!("{}: photo {}: {error}", inputs.start_file().display(), photo.file),
+    })?;
     let panels = [
         Panel { label: "start", view: &start, colour: [255, 168, 30] },
         Panel { label: word(outcome.status), view: &outcome.view, colour: colour(outcome.status) },

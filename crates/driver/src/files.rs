@@ -272,11 +272,14 @@ struct Fields<'a> {
 
 impl<'a> Fields<'a> {
     fn open(path: &'a Path) -> Result<Self, FileError> {
-        let text = fs::read(path).map_err(|e| FileError::new(path, format!("cannot be read ({}); check the path", describe(&e))))?;
+        let text = fs::read(path)
+            .map_err(|e| FileError::new(path, format!("cannot be read ({}); check the path", describe(&e))))?;
         match serde_json::from_slice(&text) {
             Ok(Value::Object(map)) => Ok(Self { path, photo: None, map }),
             Ok(_) => Err(FileError::new(path, "holds no JSON object; the README's section \"Files\" shows its shape")),
-            Err(e) => Err(FileError::new(path, format!("is not JSON ({e}); the README's section \"Files\" shows its shape"))),
+            Err(e) => {
+                Err(FileError::new(path, format!("is not JSON ({e}); the README's section \"Files\" shows its shape")))
+            }
         }
     }
 
