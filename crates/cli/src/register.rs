@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
+use texreg::camera::View;
 use texreg::driver::{
     CameraEntry, CameraFile, Error, Motion, Options, Outcome, Panel, Photo, Refine, Stage, Status, motion, overlay,
     register, write_cameras,
@@ -21,6 +22,8 @@ use crate::report;
 pub(crate) struct Registered {
     /// The photo's file name.
     pub(crate) file: String,
+    /// The view it started from.
+    pub(crate) start: View,
     /// What came of it.
     pub(crate) outcome: Outcome,
     /// How far the camera moved from its start.
@@ -106,7 +109,7 @@ fn one(path: &Path, mesh: &Mesh, inputs: &Inputs, options: &Options, bar: &Progr
     ];
     let overlay = jpeg(&overlay(mesh, &photo, &panels))?;
     let motion = motion(&start.pose, &outcome.view.pose, mesh.diagonal());
-    Ok(Registered { file: photo.file, outcome, motion, overlay })
+    Ok(Registered { file: photo.file, start, outcome, motion, overlay })
 }
 
 fn word(status: Status) -> &'static str {

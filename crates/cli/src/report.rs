@@ -103,10 +103,16 @@ fn card(i: usize, photo: &Registered) -> String {
 
 fn facts(photo: &Registered) -> String {
     let fact = |name: &str, value: &str| format!("<div><h3>{name}</h3><div class=\"value\">{value}</div></div>\n");
-    fact("Similarity", &similarity(photo))
+    let focal = |view: &View| view.camera.intrinsics.fx;
+    let change = 100.0 * (focal(&photo.outcome.view) / focal(&photo.start) - 1.0);
+    let milliseconds: f64 = photo.outcome.stages.iter().map(|stage| stage.milliseconds).sum();
+    let mut html = fact("Similarity", &similarity(photo))
         + &fact("Rotated by", &format!("{:.3}°", photo.motion.rotation_deg))
-        + &fact("Camera moved by", &format!("{:.3} % of the model", photo.motion.distance_pct))
-        + &fact("Evaluations", &grouped(photo.outcome.evaluations()))
+        + &fact("Moved by", &format!("{:.3} % of the model", photo.motion.distance_pct));
+    if change != 0.0 {
+        html += &fact("Focal length changed by", &format!("{change:+.3} %"));
+    }
+    html + &fact("Work", &format!("{} evaluations, {milliseconds:.0} ms", grouped(photo.outcome.evaluations())))
 }
 
 fn similarity(photo: &Registered) -> String {
