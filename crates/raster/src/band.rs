@@ -5,9 +5,9 @@
 //! gets depends on the triangle and the pixel alone, never on the strip.
 
 use crate::corner::{Corner, SUBPIXEL_BITS, first_pixel, twice_area};
-use crate::gbuffer::NO_FACE;
 use crate::sieve::{Fragment, Sink};
-use fearless_simd::{f32x8, i32x8, prelude::*, u32x8};
+use crate::three::each;
+use fearless_simd::{f32x8, i32x8, prelude::*, u32x8, u64x4};
 
 /// Pixels looked at together.
 const LANES: usize = 8;
@@ -15,13 +15,25 @@ const LANES: usize = 8;
 /// Whole-pixel edge functions of a triangle in a box of this many units fit in an i32.
 const MEDIUM: i32 = 256 << SUBPIXEL_BITS;
 
-/// Rows `top..top + height` of the picture. While drawing, `w` holds 1/z (0 is background).
+/// What a pixel shows, so that the greater key is seen: the bits of 1/z, which order like the numbers, above those of the
+/// face, inverted so that the lower face wins where depths are equal. Background is 0: 1/z = 0 and [`NO_FACE`].
+#[inline(always)]
+pub(crate) fn key(w: f32, face: u32) -> u64 {
+    u64::from(w.to_bits()) << 32 | u64::from(!face)
+}
+
+/// 1/z and face of a key.
+#[inline(always)]
+pub(crate) fn unlock(key: u64) -> (f32, u32) {
+    (f32::from_bits((key >> 32) as u32), !(key as u32))
+}
+
+/// Rows `top..top + height` of the picture.
 pub(crate) struct Band<'a> {
     pub(crate) top: i32,
     pub(crate) width: i32,
     pub(crate) height: i32,
-    pub(crate) w: &'a mut [f32],
-    pub(crate) face: &'a mut [u32],
+    pub(crate) keys: &'a mut [u64],
 }
 
 /// The side of a triangle in front of which its inside lies. With e the edge function, in square units, and b = −1 if
@@ -64,20 +76,12 @@ struct Setup {
 }
 
 impl Band<'_> {
-    pub(crate) fn clear(&mut self) {
-        self.w.fill(0.0);
-        self.face.fill(NO_FACE);
-    }
-
-    /// Shows a triangle at a pixel of this band unless something nearer is there, or as near with a lower face.
+    /// Shows a triangle at a pixel of this band unless something nearer is there.
     #[inline(always)]
     pub(crate) fn put(&mut self, fragment: Fragment) {
         let index = fragment.pixel as usize - (self.top * self.width) as usize;
-        if let (Some(w), Some(face)) = (self.w.get_mut(index), self.face.get_mut(index))
-            && fragment.w >= *w
-            && (fragment.w > *w || fragment.face < *face)
-        {
-            (*w, *face) = (fragment.w, fragment.face);
+        if let Some(there) = self.keys.get_mut(index) {
+            *there = (*there).max(key(fragment.w, fragment.face));
         }
     }
 
@@ -112,31 +116,48 @@ impl Band<'_> {
     #[inline(always)]
     fn fill_medium<S: Simd>(&mut self, simd: S, face: u32, setup: &Setup) {
         let Setup { sides, w, rest, x, y, .. } = setup;
-        let lanes = i32x8::from_fn(simd, |lane| lane as i32);
-        let across = [0, 1, 2].map(|k| lanes * sides[k].right);
-        let mut row = [0, 1, 2].map(|k| sides[k].edge as i32);
-        let faces = u32x8::splat(simd, face);
+        let lanes = i32x8::load_array(simd, [0, 1, 2, 3, 4, 5, 6, 7]);
+        let across = each(
+            [0, 1, 2],
+            #[inline(always)]
+            |k: usize| lanes * sides[k].right,
+        );
+        let mut row = each(
+            [0, 1, 2],
+            #[inline(always)]
+            |k: usize| sides[k].edge as i32,
+        );
+        let faces = u32x8::splat(simd, !face);
         for y in y[0]..=y[1] {
             for x_lane in (x[0]..=x[1]).step_by(LANES) {
                 // The last pixels of a row are looked at together with some before them.
                 let start = x_lane.min(self.width - LANES as i32);
-                let edges: [i32x8<S>; 3] =
-                    std::array::from_fn(|k| across[k] + (row[k] + (start - x[0]) * sides[k].right));
+                let edges = each(
+                    [0, 1, 2],
+                    #[inline(always)]
+                    |k: usize| across[k] + (row[k] + (start - x[0]) * sides[k].right),
+                );
                 let covered = (edges[0] | edges[1] | edges[2]).simd_ge(0);
                 if !covered.any_true() {
                     continue;
                 }
-                let [e0, e1, e2] = edges.map(|edge| edge.to_float::<f32x8<S>>());
+                let [e0, e1, e2] = each(
+                    edges,
+                    #[inline(always)]
+                    |edge| edge.to_float::<f32x8<S>>(),
+                );
                 let here = e0 * w[0] + e1 * w[1] + e2 * w[2] + *rest;
                 let index = ((y - self.top) * self.width + start) as usize;
-                let w_there = &mut self.w[index..index + LANES];
-                let faces_there = &mut self.face[index..index + LANES];
-                let there = f32x8::from_slice(simd, w_there);
-                let ids = u32x8::from_slice(simd, faces_there);
-                let wins = here.simd_gt(there) | (here.simd_eq(there) & faces.simd_lt(ids));
-                let wins = covered & wins;
-                wins.select(here, there).store_slice(w_there);
-                wins.select(faces, ids).store_slice(faces_there);
+                let there = &mut self.keys[index..index + LANES];
+                // Uncovered pixels get the key of background, which never wins.
+                let none = u32x8::splat(simd, 0);
+                let high = covered.select(here.to_bits(), none);
+                let (low, high) = covered.select(faces, none).interleave(high);
+                let (first, last) = there.split_at_mut(LANES / 2);
+                for (there, here) in [(first, low), (last, high)] {
+                    let here: u64x4<S> = here.bitcast();
+                    here.max(u64x4::from_slice(simd, there)).store_slice(there);
+                }
             }
             for k in 0..3 {
                 row[k] += sides[k].down;
@@ -166,12 +187,10 @@ impl Band<'_> {
             let base: f64 = (0..3).map(|k| row[k] as f64 * f64::from(w[k])).sum::<f64>() + f64::from(*rest);
             let start = (i64::from(y - self.top) * i64::from(self.width) + i64::from(x[0])) as usize;
             let span = start + first as usize..=start + last as usize;
-            for ((w, id), x) in self.w[span.clone()].iter_mut().zip(&mut self.face[span]).zip(first..) {
+            for (there, x) in self.keys[span].iter_mut().zip(first..) {
                 // Long slivers cancel; no pixel lies beyond the corners.
                 let here = ((base + slope * x as f64) as f32).clamp(range[0], range[1]);
-                if here > *w || (here == *w && face < *id) {
-                    (*w, *id) = (here, face);
-                }
+                *there = (*there).max(key(here, face));
             }
         }
     }

@@ -10,10 +10,12 @@ mod corner;
 mod gbuffer;
 mod options;
 mod outline;
+mod prefetch;
 mod projector;
 mod raycaster;
 mod renderer;
 mod sieve;
+mod three;
 mod triangles;
 
 pub use gbuffer::{GBuffer, NO_FACE};

@@ -1,6 +1,7 @@
 //! From the mesh frame to fixed-point image coordinates.
 
 use crate::corner::{CLIP, Corner, SUBPIXELS};
+use crate::three::each;
 use fearless_simd::{Level, dispatch};
 use nalgebra::{Matrix3x4, Point2, Point3, Vector2, Vector3};
 use std::f64::consts::TAU;
@@ -171,8 +172,12 @@ impl<'a> Projector<'a> {
         let rows: [[f64; 4]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
         let (near, guard) = (self.near, GUARD * SUBPIXELS);
         for ((position, xy), w) in positions.iter().zip(xy).zip(w) {
-            let [x, y, z] = position.map(f64::from);
-            let [u, v, depth] = rows.map(|r| r[0] * x + r[1] * y + r[2] * z + r[3]);
+            let [x, y, z] = each(*position, f64::from);
+            let [u, v, depth] = each(
+                rows,
+                #[inline(always)]
+                |r: [f64; 4]| r[0] * x + r[1] * y + r[2] * z + r[3],
+            );
             let inverse = 1.0 / depth;
             let (u, v) = (u * inverse, v * inverse);
             let inside = (depth >= near) & (u.abs() <= guard) & (v.abs() <= guard);
@@ -190,8 +195,12 @@ impl<'a> Projector<'a> {
         let rows: [[f64; 4]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
         let (near, reach, guard) = (self.near, self.lens.inside, GUARD * SUBPIXELS);
         for ((position, xy), w) in positions.iter().zip(xy).zip(w) {
-            let [x, y, z] = position.map(f64::from);
-            let [x, y, depth] = rows.map(|r| r[0] * x + r[1] * y + r[2] * z + r[3]);
+            let [x, y, z] = each(*position, f64::from);
+            let [x, y, depth] = each(
+                rows,
+                #[inline(always)]
+                |r: [f64; 4]| r[0] * x + r[1] * y + r[2] * z + r[3],
+            );
             let inverse = 1.0 / depth;
             let (x, y) = (x * inverse, y * inverse);
             let s = x * x + y * y;

@@ -1,6 +1,6 @@
 //! The pipeline: project all vertices once, sift the triangles, draw the rest band by band.
 
-use crate::band::Band;
+use crate::band::{Band, unlock};
 use crate::corner::{Corner, Projected, SUBPIXEL_BITS, first_pixel};
 use crate::projector::{Lens, Projector};
 use crate::sieve::{Fragment, Sieve, Sink};
@@ -13,6 +13,9 @@ use texreg_lie::Pose;
 
 /// Renderings with fewer triangles and pixels than this together stay on the calling thread.
 const WORTH_SPREADING: usize = 100_000;
+
+/// The least near plane whose 1/z is well within f32.
+const NEAREST: f64 = 1e-30;
 
 /// Vertices a task projects.
 const VERTICES: usize = 8192;
@@ -34,11 +37,12 @@ pub struct Renderer {
     lens: Option<Lens>,
     projected: Projected,
     chunks: Vec<Chunk>,
+    keys: Vec<u64>,
 }
 
 impl Default for Renderer {
     fn default() -> Self {
-        Self { level: Level::new(), lens: None, projected: Projected::default(), chunks: Vec::new() }
+        Self { level: Level::new(), lens: None, projected: Projected::default(), chunks: Vec::new(), keys: Vec::new() }
     }
 }
 
@@ -67,8 +71,9 @@ impl Renderer {
             self.lens = None;
         }
         let lens = self.lens.get_or_insert_with(|| Lens::new(camera));
-        let near = if options.near > 0.0 { options.near } else { Options::NEAR };
+        let near = if options.near > 0.0 { options.near.max(NEAREST) } else { Options::NEAR };
         let projector = Projector::new(lens, camera_from_mesh, near);
+        self.keys.resize(gbuffer.depth.len(), 0);
         let work = mesh.positions.len() + mesh.indices.len() + gbuffer.depth.len();
         let threads = rayon::current_num_threads();
         let spread = options.parallel && threads > 1 && work >= WORTH_SPREADING;
@@ -80,22 +85,22 @@ impl Renderer {
             cull: options.cull_back_faces,
             bounds: [camera.width as i32, camera.height as i32],
         };
-        let finisher = Finisher { level: self.level, mesh, raycaster: Raycaster::new(camera, camera_from_mesh) };
+        let finisher = Finisher {
+            level: self.level,
+            mesh,
+            raycaster: Raycaster::new(camera, camera_from_mesh),
+            width: camera.width as usize,
+        };
         if spread {
             let bands = Bands::new(gbuffer, threads);
             bands.sift(self.level, &sieve, &mut self.chunks, threads);
-            bands.draw(self.level, &sieve, &self.chunks, gbuffer, &finisher);
+            bands.draw(self.level, &sieve, &self.chunks, &mut self.keys, gbuffer, &finisher);
         } else {
-            let mut band = Band {
-                top: 0,
-                width: camera.width as i32,
-                height: camera.height as i32,
-                w: &mut gbuffer.depth,
-                face: &mut gbuffer.face,
-            };
-            band.clear();
-            sieve.sift(self.level, 0..mesh.indices.len(), &mut band);
-            finisher.finish(&mut band, &mut gbuffer.barycentric);
+            self.keys.fill(0);
+            let [width, height] = sieve.bounds;
+            sieve.sift(self.level, 0..mesh.indices.len(), &mut Band { top: 0, width, height, keys: &mut self.keys });
+            let GBuffer { depth, face, barycentric, .. } = gbuffer;
+            finisher.finish(0, &self.keys, Strip { depth, face, barycentric });
         }
     }
 }
@@ -191,19 +196,29 @@ impl Bands {
         });
     }
 
-    fn draw(&self, level: Level, sieve: &Sieve, chunks: &[Chunk], gbuffer: &mut GBuffer, finisher: &Finisher) {
+    fn draw(
+        &self,
+        level: Level,
+        sieve: &Sieve,
+        chunks: &[Chunk],
+        keys: &mut [u64],
+        gbuffer: &mut GBuffer,
+        finisher: &Finisher,
+    ) {
         let size = self.width << self.shift;
         let mut barycentric: Vec<&mut [[f32; 2]]> = gbuffer.barycentric.chunks_mut(size).collect();
         barycentric.resize_with(self.count, Default::default);
-        let strips = gbuffer.depth.par_chunks_mut(size).zip(gbuffer.face.par_chunks_mut(size)).zip(barycentric);
-        strips.enumerate().with_max_len(1).for_each(|(index, ((w, face), barycentric))| {
+        let GBuffer { depth, face, .. } = gbuffer;
+        let strips = depth.par_chunks_mut(size).zip(face.par_chunks_mut(size)).zip(barycentric);
+        let bands = keys.par_chunks_mut(size).zip(strips).enumerate().with_max_len(1);
+        bands.for_each(|(index, (keys, ((depth, face), barycentric)))| {
             let top = (index << self.shift) as i32;
-            let height = (w.len() / self.width) as i32;
-            let mut band = Band { top, width: self.width as i32, height, w, face };
-            band.clear();
+            let height = (keys.len() / self.width) as i32;
+            keys.fill(0);
+            let mut band = Band { top, width: self.width as i32, height, keys };
             let bins = chunks.iter().map(|chunk| &chunk.bands[index]);
             dispatch!(level, simd => draw_all(simd, &mut band, bins, sieve));
-            finisher.finish(&mut band, barycentric);
+            finisher.finish(top as usize * self.width, keys, Strip { depth, face, barycentric });
         });
     }
 }
@@ -225,33 +240,41 @@ fn draw_all<'a, S: Simd>(simd: S, band: &mut Band, bins: impl Iterator<Item = &'
     }
 }
 
-/// Turns the 1/z of a drawn band into z and fills in the barycentrics asked for.
+/// Some rows of a [`GBuffer`].
+struct Strip<'a> {
+    depth: &'a mut [f32],
+    face: &'a mut [u32],
+    barycentric: &'a mut [[f32; 2]],
+}
+
+/// Turns keys into depth and face, and fills in the barycentrics asked for.
 struct Finisher<'a> {
     level: Level,
     mesh: &'a Triangles<'a>,
     raycaster: Raycaster,
+    width: usize,
 }
 
 impl Finisher<'_> {
-    fn finish(&self, band: &mut Band, barycentric: &mut [[f32; 2]]) {
+    /// `first` is the index of the first pixel in the picture.
+    fn finish(&self, first: usize, keys: &[u64], strip: Strip) {
+        let Strip { depth, face, barycentric } = strip;
         dispatch!(self.level, _simd => {
-            for w in band.w.iter_mut() {
-                *w = 1.0 / *w;
+            for ((&key, depth), face) in keys.iter().zip(depth.iter_mut()).zip(face.iter_mut()) {
+                let (w, id) = unlock(key);
+                (*depth, *face) = (1.0 / w, id);
             }
         });
-        if barycentric.is_empty() {
-            return;
-        }
-        let width = band.width as usize;
         let mut raycaster = self.raycaster.clone();
-        let rows = barycentric.chunks_exact_mut(width).zip(band.face.chunks_exact(width));
-        for ((barycentric, faces), y) in rows.zip(band.top..) {
-            for ((weights, &face), x) in barycentric.iter_mut().zip(faces).zip(0..) {
-                let pixel = Point2::new(f64::from(x), f64::from(y));
-                *weights = match face {
-                    NO_FACE => [0.0; 2],
-                    face => raycaster.barycentric(self.mesh, face, pixel).unwrap_or_default(),
-                };
+        let rows = barycentric.chunks_exact_mut(self.width).zip(face.chunks_exact(self.width));
+        for ((weights, faces), y) in rows.zip(first / self.width..) {
+            for ((weights, &face), x) in weights.iter_mut().zip(faces).zip(0..) {
+                if face == NO_FACE {
+                    *weights = [0.0; 2];
+                } else {
+                    let pixel = Point2::new(f64::from(x), y as f64);
+                    *weights = raycaster.barycentric(self.mesh, face, pixel).unwrap_or_default();
+                }
             }
         }
     }

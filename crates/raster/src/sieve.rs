@@ -7,7 +7,9 @@
 use crate::Triangles;
 use crate::clip::{Vertex, clip};
 use crate::corner::{CLIP, Corner, Projected, SUBPIXEL_BITS, first_pixel, twice_area};
+use crate::prefetch::prefetch;
 use crate::projector::Projector;
+use crate::three::each;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, prelude::*};
 
 /// Triangles looked at together.
@@ -16,11 +18,14 @@ const LANES: usize = 16;
 /// Triangles sifted before the small ones among them are drawn.
 const BLOCK: usize = 32 * LANES;
 
+/// How many triangles ahead vertices are prefetched.
+const AHEAD: usize = 4 * LANES;
+
 /// Edge functions of a triangle in a box of this many units fit in an i32.
 const SMALL: i32 = 7 << SUBPIXEL_BITS;
 
 /// A small triangle's box has at most this many pixels a side.
-const SMALL_PIXELS: i32 = 4;
+const SMALL_PIXELS: i32 = 6;
 
 /// Where visible pieces of triangles go.
 pub(crate) trait Sink {
@@ -80,6 +85,10 @@ impl Sieve<'_> {
             let mut count = 0;
             for start in (start..range.end.min(start + BLOCK)).step_by(LANES) {
                 let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
+                let ahead = start + AHEAD..range.end.min(start + AHEAD + LANES);
+                for vertex in self.mesh.indices.get(ahead).unwrap_or_default().as_flattened() {
+                    prefetch(&self.projected.xy, *vertex as usize);
+                }
                 let (boxed, rest) = self.classify(simd, triangles);
                 for lane in bits(boxed) {
                     small[count] = (start + lane) as u32;
@@ -98,14 +107,13 @@ impl Sieve<'_> {
     /// The small triangles whose boxes hold pixel centres, and the others that may be seen, as bit masks.
     #[inline(always)]
     fn classify<S: Simd>(&self, simd: S, triangles: &[[u32; 3]]) -> (u64, u64) {
-        let mut x = [[CLIP; LANES]; 3];
-        let mut y = [[0; LANES]; 3];
+        let mut xy = [[[CLIP; 2]; LANES]; 3];
         for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
             for k in 0..3 {
-                [x[k][lane], y[k][lane]] = self.projected.position(triangle[k]);
+                xy[k][lane] = self.projected.position(triangle[k]);
             }
         }
-        let batch = Batch { x: x.map(|x| x.simd_into(simd)), y: y.map(|y| y.simd_into(simd)) };
+        let batch = Batch::new(simd, &xy);
         let boxes = batch.boxes(simd, self.bounds);
         let clipped = boxes.left.simd_eq(CLIP);
         let seen = boxes.last[0].simd_ge(boxes.first[0]) & boxes.last[1].simd_ge(boxes.first[1]);
@@ -123,18 +131,17 @@ impl Sieve<'_> {
     /// Draws small triangles, one a lane, pixel by pixel of their boxes.
     #[inline(always)]
     fn cover<S: Simd>(&self, simd: S, faces: &[u32], sink: &mut impl Sink) {
-        let mut x = [[0; LANES]; 3];
-        let mut y = [[0; LANES]; 3];
+        let mut xy = [[[0; 2]; LANES]; 3];
         let mut w = [[0.0; LANES]; 3];
         for (lane, &face) in faces.iter().enumerate().take(LANES) {
             let triangle = self.mesh.indices[face as usize];
             for k in 0..3 {
                 let corner = self.projected.corner(triangle[k]);
-                (x[k][lane], y[k][lane], w[k][lane]) = (corner.x, corner.y, corner.w);
+                (xy[k][lane], w[k][lane]) = ([corner.x, corner.y], corner.w);
             }
         }
-        let mut batch = Batch { x: x.map(|x| x.simd_into(simd)), y: y.map(|y| y.simd_into(simd)) };
-        let mut w: [f32x16<S>; 3] = w.map(|w| w.simd_into(simd));
+        let mut batch = Batch::new(simd, &xy);
+        let mut w = [f32x16::load_array(simd, w[0]), f32x16::load_array(simd, w[1]), f32x16::load_array(simd, w[2])];
         let Boxes { first, last, .. } = batch.boxes(simd, self.bounds);
         let area = batch.twice_area();
         let turned = area.simd_lt(0);
@@ -143,16 +150,20 @@ impl Sieve<'_> {
         }
         (w[1], w[2]) = (turned.select(w[2], w[1]), turned.select(w[1], w[2]));
         let scale = f32x16::splat(simd, 1.0) / area.max(-area).to_float::<f32x16<S>>();
-        let w = w.map(|w| w * scale);
+        let w = [w[0] * scale, w[1] * scale, w[2] * scale];
         // Edge k is opposite to corner k; `edge` is its function at the pixel, `open` is −1 where its points do not belong.
-        let start = first.map(|first| first << SUBPIXEL_BITS);
-        let sides = [(1, 2), (2, 0), (0, 1)].map(|(p, q)| {
-            let (dx, dy) = (batch.x[q] - batch.x[p], batch.y[q] - batch.y[p]);
-            let edge = dx * (start[1] - batch.y[p]) - dy * (start[0] - batch.x[p]);
-            let closed = dy.simd_lt(0) | (dy.simd_eq(0) & dx.simd_gt(0));
-            let open = closed.select(i32x16::splat(simd, 0), i32x16::splat(simd, -1));
-            (edge, open, dx << SUBPIXEL_BITS, dy << SUBPIXEL_BITS)
-        });
+        let start = [first[0] << SUBPIXEL_BITS, first[1] << SUBPIXEL_BITS];
+        let sides = each(
+            [(1, 2), (2, 0), (0, 1)],
+            #[inline(always)]
+            |(p, q): (usize, usize)| {
+                let (dx, dy) = (batch.x[q] - batch.x[p], batch.y[q] - batch.y[p]);
+                let edge = dx * (start[1] - batch.y[p]) - dy * (start[0] - batch.x[p]);
+                let closed = dy.simd_lt(0) | (dy.simd_eq(0) & dx.simd_gt(0));
+                let open = closed.select(i32x16::splat(simd, 0), i32x16::splat(simd, -1));
+                (edge, open, dx << SUBPIXEL_BITS, dy << SUBPIXEL_BITS)
+            },
+        );
         let valid = (1_u64 << faces.len()) - 1;
         let [columns, rows] = [last[0] - first[0], last[1] - first[1]];
         let origin: [i32; LANES] = (first[1] * self.bounds[0] + first[0]).into();
@@ -162,7 +173,11 @@ impl Sieve<'_> {
             if in_row.to_bitmask() & valid == 0 {
                 break;
             }
-            let mut edges = sides.map(|(edge, _, dx, _)| edge + dx * row);
+            let mut edges = each(
+                sides,
+                #[inline(always)]
+                |(edge, _, dx, _)| edge + dx * row,
+            );
             for column in 0..SMALL_PIXELS {
                 let in_box: mask32x16<S> = in_row & columns.simd_ge(column);
                 if in_box.to_bitmask() & valid == 0 {
@@ -171,7 +186,11 @@ impl Sieve<'_> {
                 let signs = (edges[0] + sides[0].1) | (edges[1] + sides[1].1) | (edges[2] + sides[2].1);
                 let covered = (in_box & signs.simd_ge(0)).to_bitmask() & valid;
                 if covered != 0 {
-                    let [a, b, c] = edges.map(|edge| edge.to_float::<f32x16<S>>());
+                    let [a, b, c] = each(
+                        edges,
+                        #[inline(always)]
+                        |edge| edge.to_float::<f32x16<S>>(),
+                    );
                     let here: [f32; LANES] = (a * w[0] + b * w[1] + c * w[2]).into();
                     for lane in bits(covered) {
                         let pixel = (origin[lane] + row * self.bounds[0] + column) as u32;
@@ -189,7 +208,11 @@ impl Sieve<'_> {
     /// Passes on a triangle that is not small, through the clipper where needed.
     #[inline(always)]
     fn pass_on<S: Simd>(&self, simd: S, face: u32, triangle: [u32; 3], sink: &mut impl Sink) {
-        let corners = triangle.map(|i| self.projected.corner(i));
+        let corners = each(
+            triangle,
+            #[inline(always)]
+            |i| self.projected.corner(i),
+        );
         let [a, b, c] = corners;
         let long =
             |p: Corner, q: Corner| p.x.abs_diff(q.x).max(p.y.abs_diff(q.y)) > self.projector.lens.longest_edge as u32;
@@ -231,18 +254,28 @@ impl Sieve<'_> {
 
 impl<S: Simd> Batch<S> {
     #[inline(always)]
+    fn new(simd: S, xy: &[[[i32; 2]; LANES]; 3]) -> Self {
+        let [a, b, c] = xy.each_ref().map(|xy| xy.as_flattened().split_at(LANES));
+        let load = |half: &[i32]| i32x16::from_slice(simd, half);
+        let a = load(a.0).deinterleave(load(a.1));
+        let b = load(b.0).deinterleave(load(b.1));
+        let c = load(c.0).deinterleave(load(c.1));
+        Self { x: [a.0, b.0, c.0], y: [a.1, b.1, c.1] }
+    }
+
+    #[inline(always)]
     fn boxes(&self, simd: S, [width, height]: [i32; 2]) -> Boxes<S> {
         let (left, right) = range(self.x);
         let (top, bottom) = range(self.y);
         let zero = i32x16::splat(simd, 0);
-        let last = |size: i32| i32x16::splat(simd, size - 1);
+        let last = [i32x16::splat(simd, width - 1), i32x16::splat(simd, height - 1)];
         let round_up = (1 << SUBPIXEL_BITS) - 1;
         Boxes {
             left,
             width: right - left,
             height: bottom - top,
-            first: [left, top].map(|v| ((v + round_up) >> SUBPIXEL_BITS).max(zero)),
-            last: [(right >> SUBPIXEL_BITS).min(last(width)), (bottom >> SUBPIXEL_BITS).min(last(height))],
+            first: [((left + round_up) >> SUBPIXEL_BITS).max(zero), ((top + round_up) >> SUBPIXEL_BITS).max(zero)],
+            last: [(right >> SUBPIXEL_BITS).min(last[0]), (bottom >> SUBPIXEL_BITS).min(last[1])],
         }
     }
 
