@@ -1,6 +1,7 @@
 //! What the benchmarks share: their arguments, and a report as a table or as JSON.
 
 mod accuracy;
+mod pnp;
 
 use serde::Serialize;
 use std::path::PathBuf;
@@ -29,12 +30,14 @@ pub(crate) struct Arguments {
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Name {
     Accuracy,
+    Pnp,
 }
 
 /// Runs a benchmark and prints its report.
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report: Report = match arguments.name {
         Name::Accuracy => accuracy::run(arguments)?,
+        Name::Pnp => pnp::run(arguments)?,
     };
     report.print(arguments.json)
 }
@@ -50,6 +53,9 @@ pub(crate) struct Report {
     pub(crate) rows: Vec<Row>,
     /// Whether every row with a goal met it.
     pub(crate) met: bool,
+    /// Peers that are missing, and other remarks.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) notes: Vec<String>,
 }
 
 /// One figure, beside a peer's or a limit's from the same run.
@@ -103,7 +109,7 @@ impl Report {
     /// A report of the machine this runs on.
     pub(crate) fn new(bench: &'static str, rows: Vec<Row>) -> Self {
         let met = rows.iter().all(Row::met);
-        Self { bench, machine: machine(), rows, met }
+        Self { bench, machine: machine(), rows, met, notes: Vec::new() }
     }
 
     fn print(&self, json: bool) -> anyhow::Result<()> {
@@ -122,6 +128,9 @@ impl Report {
                 print!("  goal {}{}", figure(goal), if row.met() { "" } else { "  MISSED" });
             }
             println!();
+        }
+        for note in &self.notes {
+            println!("{note}");
         }
         Ok(())
     }
