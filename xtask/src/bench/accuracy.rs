@@ -88,8 +88,7 @@ fn run_case(folder: &Path, seeds: u64) -> Result<Vec<Run>> {
         }
         if let Some(entry) = pairs.iter().find(|entry| entry.file == true_photo.file) {
             let camera = true_photo.view.camera;
-            let points: Vec<Correspondence> =
-                entry.points.iter().map(|&(point, pixel)| Correspondence { point, pixel }).collect();
+            let points: Vec<Correspondence> = entry.points.clone();
             if let Ok(solution) = texreg::posit::pose(&points, &camera, &Default::default()) {
                 record("pairs", &fixed, solution.view);
             }
