@@ -4,14 +4,19 @@
 //! scanner gave them, a reflectance and a colour. What comes out is safe to compute with: every coordinate is finite,
 //! every index is in range, every normal has length one. What cannot be made so is an [`Error`] of one line that
 //! names the file, the place in it and the cause.
+mod curvature;
 mod error;
 mod load;
 mod mesh;
 mod normals;
 mod obj;
+mod occlusion;
 mod ply;
+mod simplify;
+mod weld;
 
 pub use error::{Defect, Error, Place};
 pub use load::load;
 pub use mesh::{Attributes, Mesh};
 pub use normals::area_weighted_normals;
+pub use weld::weld;
