@@ -5,11 +5,6 @@ use nalgebra::Vector3;
 use shapes::{graph, mesh, soup, sphere};
 use texreg_surface::{Attributes, Mesh, weld};
 
-/// The vertices of a graph over |x|, |y| ≤ 1 that are no nearer to its border than this.
-fn inner(mesh: &Mesh, margin: f64) -> impl Iterator<Item = usize> {
-    (0..mesh.positions.len()).filter(move |&i| mesh.point(i).x.abs().max(mesh.point(i).y.abs()) < 1.0 - margin)
-}
-
 #[test]
 fn a_sphere_has_the_curvature_of_its_radius() {
     for radius in [1e-3, 2.5, 1e4] {
