@@ -194,6 +194,9 @@ fn a_photo_that_is_no_image() {
     let whole = fs::read(fixture("photo_00.jpg")).unwrap();
     bench.put("photo.png", &whole[..200]);
     bench.register().fails_with(&["photo.png", "copy or export the photo again"]);
+    fs::remove_file(bench.path("photo.png")).unwrap();
+    fs::create_dir(bench.path("photo.png")).unwrap();
+    bench.register().fails_with(&["photo.png", "is a directory", "check the path"]);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `texreg evaluate`: scores cameras against the true ones.
 
-use serde_json::json;
+use serde_json::{Value, json};
 use texreg::driver::{Score, TruePhoto, base_name, read_cameras, read_truth, score};
 
 use crate::Ending;
@@ -24,13 +24,15 @@ pub(crate) fn run(args: &Evaluate, json: bool) -> anyhow::Result<Ending> {
     Ok(if good { Ending::Good } else { Ending::Doubtful })
 }
 
-fn object(name: &str, scores: &[(&str, Option<Score>)]) -> serde_json::Result<serde_json::Value> {
+fn object(name: &str, scores: &[(&str, Option<Score>)]) -> serde_json::Result<Value> {
     let row = |(file, score): &(&str, Option<Score>)| {
         let Some(score) = score else {
             return Ok(json!({"file": file, "ok": false, "strict": false, "missing": true}));
         };
-        let mut row = serde_json::to_value(score)?;
-        row["file"] = json!(file);
+        let mut row = json!({"file": file});
+        if let (Value::Object(row), Value::Object(score)) = (&mut row, serde_json::to_value(score)?) {
+            row.extend(score);
+        }
         Ok(row)
     };
     let photos = scores.iter().map(row).collect::<serde_json::Result<Vec<_>>>()?;

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
 use texreg::camera::{Camera, View};
-use texreg::driver::{CameraFile, Lens, LensFile, PairsEntry, Photo, base_name, read_cameras, read_lenses, read_pairs};
+use texreg::driver::{
+    CameraFile, Lens, LensFile, PairsEntry, Photo, PhotoError, base_name, read_cameras, read_lenses, read_pairs,
+};
 use texreg::posit::{self, Correspondence, Solution};
 use texreg::surface::{self, Mesh};
 
@@ -176,6 +178,14 @@ pub(crate) fn model(path: &Path) -> anyhow::Result<Mesh> {
             }
             Error::Format { .. } | Error::Defect { .. } => anyhow!(error),
         }
+    })
+}
+
+/// Loads a photo.
+pub(crate) fn photo(path: &Path) -> anyhow::Result<Photo> {
+    Photo::load(path).map_err(|error| match error {
+        PhotoError::Io { source, .. } => anyhow!("{}: {}; check the path of the photo", path.display(), cause(&source)),
+        _ => anyhow!(error),
     })
 }
 

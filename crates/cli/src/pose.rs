@@ -1,12 +1,12 @@
 //! `texreg pose`: cameras from point pairs alone.
 
 use serde_json::{Value, json};
-use texreg::driver::{CameraEntry, CameraFile, Panel, Photo, overlay, write_cameras};
+use texreg::driver::{CameraEntry, CameraFile, Panel, overlay, write_cameras};
 use texreg::posit::Solution;
 
 use crate::Ending;
 use crate::args::Pose;
-use crate::inputs::{Inputs, model};
+use crate::inputs::{Inputs, model, photo};
 use crate::output::{Output, jpeg, overlay_name, print, table};
 
 pub(crate) fn run(args: &Pose, json: bool) -> anyhow::Result<Ending> {
@@ -16,7 +16,7 @@ pub(crate) fn run(args: &Pose, json: bool) -> anyhow::Result<Ending> {
     let mut posed = Vec::new();
     let mut pictures = Vec::new();
     for path in &inputs.photos {
-        let photo = Photo::load(path)?;
+        let photo = photo(path)?;
         let solution = inputs.pose(&photo)?;
         let panel = Panel { label: "pose", view: &solution.view, colour: [40, 230, 160] };
         pictures.push(jpeg(&overlay(&mesh, &photo, &[panel]))?);

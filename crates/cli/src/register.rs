@@ -7,14 +7,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    CameraEntry, CameraFile, Error, Motion, Options, Outcome, Panel, Photo, Refine, Stage, Status, motion, overlay,
-    register, write_cameras,
+    CameraEntry, CameraFile, Error, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay, register,
+    write_cameras,
 };
 use texreg::surface::Mesh;
 
 use crate::Ending;
 use crate::args::{Part, Register};
-use crate::inputs::{Inputs, model, name};
+use crate::inputs::{Inputs, model, name, photo};
 use crate::output::{Output, jpeg, overlay_name, print, table};
 use crate::report;
 
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
 }
 
 fn one(path: &Path, mesh: &Mesh, inputs: &Inputs, options: &Options, bar: &ProgressBar) -> anyhow::Result<Registered> {
-    let photo = Photo::load(path)?;
+    let photo = photo(path)?;
     let start = inputs.start(&photo)?;
     bar.set_message(photo.file.clone());
     let before = bar.position();
