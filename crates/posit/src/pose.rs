@@ -35,8 +35,8 @@ pub struct Solution {
     pub covariance: Matrix6<f64>,
     /// The relative standard deviation of the focal length, if it was refined.
     pub focal_deviation: Option<f64>,
-    /// Another pose that explains the pixels about as well (its rms within twice this one's), as happens with few, flat or
-    /// distant points.
+    /// Another pose that explains the pixels about as well (its rms within twice this one's, or half a pixel), as happens
+    /// with few, flat or distant points.
     pub alternative: Option<Pose>,
 }
 
@@ -131,9 +131,10 @@ fn solve(
     let inner: Vec<Correspondence> =
         points().zip(correspondences).map(|(p, c)| Correspondence::new(Point3::from(p), c.pixel)).collect();
     let mut fits: Vec<Refined> = Vec::new();
-    // Rounding makes errors below some 1e-12 a point indistinguishable.
-    let least = starts.iter().flatten().map(|m| m.error).fold(f64::INFINITY, f64::min).max(1e-12 * inner.len() as f64);
-    for start in starts.into_iter().flatten().filter(|m| m.error <= 100.0 * least) {
+    // Whatever may turn out the best, or an alternative to it. The error is in image coordinates times depth.
+    let half_pixel = starts[0].map_or(0.0, |m| 0.5 * m.pose.translation.z / camera.intrinsics.fy);
+    let least = starts[0].map_or(0.0, |m| m.error).max(half_pixel * half_pixel * inner.len() as f64);
+    for start in starts.into_iter().flatten().filter(|m| m.error <= 16.0 * least) {
         let view = View { camera: *camera, pose: start.pose };
         fits.extend(refine_centred(&inner, &view, refinement));
     }
@@ -142,7 +143,7 @@ fn solve(
     let alternative = fits[1..]
         .iter()
         .find(|f| (f.view.pose.rotation.matrix() - best.view.pose.rotation.matrix()).norm() > 1e-3)
-        .filter(|f| f.cost <= 4.0 * best.cost)
+        .filter(|f| f.cost <= (4.0 * best.cost).max(0.25 * inner.len() as f64))
         .map(|f| frame.leave(&f.view.pose));
     Ok(Fit { best: best.leave(&frame), alternative })
 }
