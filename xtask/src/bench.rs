@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod pnp;
+mod raster;
 
 use serde::Serialize;
 use std::path::PathBuf;
@@ -31,6 +32,7 @@ pub(crate) struct Arguments {
 enum Name {
     Accuracy,
     Pnp,
+    Raster,
 }
 
 /// Runs a benchmark and prints its report.
@@ -38,6 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report: Report = match arguments.name {
         Name::Accuracy => accuracy::run(arguments)?,
         Name::Pnp => pnp::run(arguments)?,
+        Name::Raster => raster::run(arguments)?,
     };
     report.print(arguments.json)
 }
