@@ -43,14 +43,19 @@ impl Camera {
 
     /// The pixel of a point in the camera frame; `None` for points not in front of the camera, outside the distortion's
     /// domain, or not finite. The pixel may lie outside the image, see [`contains`](Self::contains).
+    #[inline]
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let p = normalized(point)?;
         Some(self.intrinsics.apply(&self.distortion.apply(&p)?))
     }
 
     /// [`project`](Self::project), and ∂pixel/∂(X, Y, Z).
+    #[inline]
     pub fn project_with_jacobian(&self, point: &Point3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
         let p = normalized(point)?;
+        if self.distortion.is_none() {
+            return Some((self.intrinsics.apply(&p), point_jacobian(&self.intrinsics.linear(), &p, point.z)));
+        }
         let (distorted, slope) = self.distortion.apply_with_jacobian(&p)?;
         let jacobian = point_jacobian(&(self.intrinsics.linear() * slope), &p, point.z);
         Some((self.intrinsics.apply(&distorted), jacobian))
@@ -94,6 +99,7 @@ impl Camera {
 }
 
 /// (X/Z, Y/Z) for finite points with Z > 0.
+#[inline]
 fn normalized(point: &Point3<f64>) -> Option<Vector2<f64>> {
     let inverse = 1.0 / point.z;
     let p = Vector2::new(point.x * inverse, point.y * inverse);
@@ -101,8 +107,9 @@ fn normalized(point: &Point3<f64>) -> Option<Vector2<f64>> {
 }
 
 /// The chain rule through (X/Z, Y/Z): ∂pixel/∂(x, y) to ∂pixel/∂(X, Y, Z).
+#[inline]
 fn point_jacobian(plane: &Matrix2<f64>, p: &Vector2<f64>, z: f64) -> Matrix2x3<f64> {
-    let scaled = plane / z;
+    let scaled = plane * (1.0 / z);
     let depth = -(scaled * p);
     Matrix2x3::from_columns(&[scaled.column(0).into_owned(), scaled.column(1).into_owned(), depth])
 }

@@ -29,6 +29,7 @@ pub struct Distortion {
 
 impl Distortion {
     /// Whether all coefficients are zero.
+    #[inline]
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }

@@ -24,6 +24,7 @@ impl Intrinsics {
     }
 
     /// Distorted normalized coordinates to pixels.
+    #[inline]
     pub fn apply(&self, p: &Vector2<f64>) -> Point2<f64> {
         Point2::new(self.fx * p.x + self.skew * p.y + self.cx, self.fy * p.y + self.cy)
     }
@@ -35,6 +36,7 @@ impl Intrinsics {
     }
 
     /// ∂(u, v)/∂(x, y).
+    #[inline]
     pub fn linear(&self) -> Matrix2<f64> {
         Matrix2::new(self.fx, self.skew, 0.0, self.fy)
     }

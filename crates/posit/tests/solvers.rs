@@ -92,7 +92,10 @@ proptest! {
         let turned = Pose::new(pose.rotation, Vector3::zeros());
         let slant = turned.transform_vector(&Vector3::z()).z.abs();
         let extent = points.iter().fold(Matrix3::zeros(), |s, p| s + p.coords * p.coords.transpose());
-        prop_assume!(slant > 0.3 && slant < 0.95 && extent.symmetric_eigenvalues().as_slice().iter().filter(|v| **v > 0.5).count() == 2);
+        let wide = extent.symmetric_eigenvalues().iter().filter(|v| **v > 0.5).count() == 2;
+        if !wide || !(0.3..0.95).contains(&slant) {
+            return Ok(());
+        }
         let found = coplanar_posit(&see(&pose, &points), &Iteration { tolerance: 1e-13, most: 1000 }).unwrap();
         prop_assert!(found.len() <= 2);
         prop_assert!(found.iter().any(|f| distance(&f.pose, &pose) < 1e-5), "{found:?} {pose:?}");
