@@ -77,6 +77,7 @@ fn the_focal_length_comes_from_the_photo_and_is_refined() {
     let run = run_fixture(folder.path(), command);
     assert_eq!(run.status, 0, "{run:?}");
     let object: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!((&object["options"]["refine"], &object["options"]["solver"]), (&"focal".into(), &"lm".into()));
     let photo = &object["photos"][0];
     assert_eq!(photo["file"], "photo_01.jpg");
     assert!(photo["stages"].as_array().is_some_and(|stages| !stages.is_empty()));

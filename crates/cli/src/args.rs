@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{ArgGroup, Parser, Subcommand};
-use texreg::driver::{Layer, MetricName, SignalName};
+use clap::{ArgGroup, Parser, Subcommand, ValueEnum};
+use texreg::driver::{Layer, MetricName, RotationName, SignalName, SolverName};
 
 /// Lays photographs onto scanned 3D models.
 #[derive(Debug, Parser)]
@@ -71,12 +71,34 @@ pub(crate) struct Register {
     /// What the model predicts, one or more [default: what the model has]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
     pub(crate) signal: Vec<SignalName>,
+    /// The solver
+    #[arg(long, value_name = "NAME", default_value = "lm", value_parser = named(SolverName::ALL))]
+    pub(crate) solver: SolverName,
+    /// The chart a rotation is stepped in
+    #[arg(long, value_name = "NAME", default_value = "lie", value_parser = named(RotationName::ALL))]
+    pub(crate) rotation: RotationName,
     /// Parts of the camera to refine with the pose
     #[arg(long, value_name = "PART", value_delimiter = ',')]
     pub(crate) refine: Vec<Part>,
     /// The seed of everything random
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
+}
+
+impl Register {
+    /// Every option that shapes the result, and its value.
+    pub(crate) fn options(&self) -> [(&'static str, String); 6] {
+        let list = |names: Vec<String>, none: &str| if names.is_empty() { none.to_owned() } else { names.join(",") };
+        let parts = self.refine.iter().filter_map(|part| Some(part.to_possible_value()?.get_name().to_owned()));
+        [
+            ("metric", self.metric.to_string()),
+            ("signal", list(self.signal.iter().map(ToString::to_string).collect(), "auto")),
+            ("solver", self.solver.to_string()),
+            ("rotation", self.rotation.to_string()),
+            ("refine", list(parts.collect(), "pose")),
+            ("seed", self.seed.to_string()),
+        ]
+    }
 }
 
 /// A part of the camera that can be refined.

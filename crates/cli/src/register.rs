@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
     CameraEntry, CameraFile, Error, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay, register,
@@ -77,13 +77,13 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
         output.write(&overlay_name(&photo.file), &photo.overlay)?;
     }
     let file = name(&args.inputs.model);
-    let head = report::Head { command: &command(), model: &file, mesh: &mesh };
+    let head = report::Head { command: &command(), options: &args.options(), model: &file, mesh: &mesh };
     output.write("report.html", report::html(&head, &photos).as_bytes())?;
     let cameras = CameraFile { photos: photos.iter().map(Registered::entry).collect(), ..CameraFile::default() };
     write_cameras(&output.path("cameras.json"), &cameras)?;
 
     if json {
-        print(&format!("{:#}", object(&args.inputs.model, &output, &mesh, &photos)))?;
+        print(&format!("{:#}", object(args, &output, &mesh, &photos)))?;
     } else {
         print(&summary(&photos, &output))?;
     }
@@ -172,7 +172,7 @@ fn summary(photos: &[Registered], output: &Output) -> String {
 }
 
 /// The result for programs: the entries of `cameras.json`, and how they came about.
-fn object(model: &Path, output: &Output, mesh: &Mesh, photos: &[Registered]) -> Value {
+fn object(args: &Register, output: &Output, mesh: &Mesh, photos: &[Registered]) -> Value {
     let stage = |stage: &Stage| {
         json!({
             "name": stage.name,
@@ -192,11 +192,12 @@ fn object(model: &Path, output: &Output, mesh: &Mesh, photos: &[Registered]) -> 
     };
     json!({
         "model": {
-            "file": model.display().to_string(),
+            "file": args.inputs.model.display().to_string(),
             "vertices": mesh.positions.len(),
             "triangles": mesh.triangles.len(),
             "diagonal": mesh.diagonal(),
         },
+        "options": args.options().into_iter().map(|(name, value)| (name.to_owned(), json!(value))).collect::<Map<_, _>>(),
         "cameras": output.path("cameras.json").display().to_string(),
         "report": output.path("report.html").display().to_string(),
         "photos": photos.iter().map(photo).collect::<Vec<_>>(),

@@ -13,6 +13,8 @@ use crate::register::Registered;
 pub(crate) struct Head<'a> {
     /// The command as it was typed.
     pub(crate) command: &'a str,
+    /// The options that shaped the result, and their values.
+    pub(crate) options: &'a [(&'static str, String)],
     /// The model's file.
     pub(crate) model: &'a str,
     /// The model.
@@ -27,13 +29,14 @@ pub(crate) fn html(head: &Head<'_>, photos: &[Registered]) -> String {
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <title>{good} of {count} registered: {model}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n\
          <h1>{good} of {count} photo{s} registered</h1>\n<p class=\"soft\">{model}, {stats}</p>\n\
-         <p><code>{command}</code></p>\n",
+         <p><code>{command}</code></p>\n<p class=\"soft\">{options}</p>\n",
         count = photos.len(),
         s = if photos.len() == 1 { "" } else { "s" },
         model = escape(head.model),
         css = include_str!("report.css"),
         stats = escape(&model_stats(head.mesh)),
         command = escape(head.command),
+        options = head.options.iter().map(|(name, value)| format!("{name} {value}")).collect::<Vec<_>>().join(", "),
     );
     if photos.len() > 1 {
         page += &summary(photos);
