@@ -101,7 +101,7 @@ proptest! {
         let omega = axis.normalize() * theta;
         let rescaled = AxisAngle::rescaled(&omega);
         prop_assert!(rescaled.norm() <= PI + 1e-15);
-        prop_assert!((so3::exp(&rescaled).matrix() - so3::exp(&omega).matrix()).norm() < 2e-15);
+        prop_assert!((so3::exp(&rescaled).matrix() - so3::exp(&omega).matrix()).norm() < 1e-14);
     }
 
     #[test]

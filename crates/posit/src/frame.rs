@@ -1,8 +1,33 @@
 //! The frame in which a point set is best conditioned: origin at the centroid, principal axes, unit size.
 
 use crate::NoSolution;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 use texreg_lie::Pose;
+
+/// How a point set extends, which decides what its image tells of the pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// On a line, or all in one place: no pose.
+    Collinear,
+    /// In a plane, to the rounding of the coordinates: [`coplanar_posit`](crate::coplanar_posit), no resectioning.
+    Coplanar,
+    /// Thinner than a twentieth of its width: poses mirrored in depth look alike, and solvers that need depth get little.
+    NearlyCoplanar,
+    /// With depth.
+    Solid,
+}
+
+/// The shape of a point set by its standard deviations along the principal axes; `None` if it is empty or a number is not
+/// finite.
+pub fn shape(points: &[Point3<f64>]) -> Option<Shape> {
+    match Frame::new(points.iter().map(|p| p.coords)) {
+        Err(NoSolution::Collinear) => Some(Shape::Collinear),
+        Err(_) => None,
+        Ok(frame) if frame.flatness <= Frame::DEGENERATE => Some(Shape::Coplanar),
+        Ok(frame) if frame.flatness <= 0.05 => Some(Shape::NearlyCoplanar),
+        Ok(_) => Some(Shape::Solid),
+    }
+}
 
 /// Principal axes, widest first, of a point set.
 #[derive(Clone, Copy, Debug)]
@@ -10,6 +35,8 @@ pub(crate) struct Frame {
     centroid: Vector3<f64>,
     axes: Rotation3<f64>,
     scale: f64,
+    /// The least of the three extents over the largest.
+    flatness: f64,
 }
 
 impl Frame {
@@ -35,7 +62,7 @@ impl Frame {
         }
         let [x, y] = [order[0], order[1]].map(|i| eigen.eigenvectors.column(i).into_owned());
         let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)]));
-        Ok(Self { centroid, axes, scale: spread[0] })
+        Ok(Self { centroid, axes, scale: spread[0], flatness: spread[2] / spread[0] })
     }
 
     /// World units per unit of the frame.

@@ -24,6 +24,7 @@ mod robust;
 
 pub use correspondence::{Bearing, Correspondence};
 pub use dlt::{dlt, resection};
+pub use frame::{Shape, shape};
 pub use global::global;
 pub use no_solution::NoSolution;
 pub use p3p::p3p;
