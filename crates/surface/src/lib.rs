@@ -20,3 +20,8 @@ pub use load::load;
 pub use mesh::{Attributes, Mesh};
 pub use normals::area_weighted_normals;
 pub use weld::weld;
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

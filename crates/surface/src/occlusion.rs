@@ -129,14 +129,18 @@ impl DepthMap {
 
 /// Draws a triangle: every pixel whose centre it covers, borders included.
 fn fill(pixels: &mut [[f32; 2]], [a, b, c]: [[f32; 3]; 3]) {
+    // Coordinates lie between 1 and SIDE − 2, so that truncating them rounds them down.
     let range = |k: usize| {
-        let low = a[k].min(b[k]).min(c[k]).ceil() as usize;
-        let high = a[k].max(b[k]).max(c[k]).floor() as usize;
-        (low, high.min(SIDE - 1))
+        let (low, high) = (a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k]) as u32);
+        let below = low as u32;
+        (below + u32::from((below as f32) < low), high.min(SIDE as u32 - 1))
     };
     let ((x0, x1), (y0, y1)) = (range(0), range(1));
+    if x0 > x1 || y0 > y1 {
+        return;
+    }
     let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    if x0 > x1 || y0 > y1 || area == 0.0 {
+    if area == 0.0 {
         return;
     }
     // The weights of b and c are linear: w = w₀ + x ∂w/∂x + y ∂w/∂y, with a as the zero.
@@ -149,7 +153,7 @@ fn fill(pixels: &mut [[f32; 2]], [a, b, c]: [[f32; 3]; 3]) {
             let (wb, wc) = (dx * bx + dy * by, dx * cx + dy * cy);
             if wb >= 0.0 && wc >= 0.0 && wb + wc <= 1.0 {
                 let depth = a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]);
-                let pixel = &mut pixels[y * SIDE + x];
+                let pixel = &mut pixels[y as usize * SIDE + x as usize];
                 *pixel = [pixel[0].min(depth), pixel[1].max(depth)];
             }
         }

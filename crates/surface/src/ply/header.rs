@@ -141,9 +141,9 @@ pub(super) fn read(source: &Source) -> Result<Header, Fault> {
         let room = source.length() - header.bytes + 1;
         if least > 0 && count > room / least as u64 {
             let cause = format!(
-                "{count} records of {name} are declared, but {} bytes hold no more than {}; the file is cut short or damaged",
-                room - 1,
-                room / least as u64
+                "{count} {name} records are declared, but the {} bytes of the file's body cannot hold them; \
+                 it is cut short or damaged",
+                room - 1
             );
             return Err(Fault::Syntax(Place::Byte(source.length()), cause));
         }
