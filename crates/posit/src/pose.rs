@@ -3,7 +3,7 @@
 use crate::frame::Frame;
 use crate::global::minima;
 use crate::refine::refine_centred;
-use crate::{Bearing, Correspondence, NoSolution, Refined, Refinement, Sampling, consensus};
+use crate::{Bearing, Correspondence, NoSolution, Refined, Refinement, Sampling, consensus, refine};
 use nalgebra::{Matrix6, Point3};
 use texreg_camera::{Camera, View};
 use texreg_lie::Pose;
@@ -64,7 +64,7 @@ pub fn pose(correspondences: &[Correspondence], camera: &Camera, options: &Optio
     }
     let keep = |kept: &[usize]| -> Vec<Correspondence> { kept.iter().map(|i| correspondences[*i]).collect() };
     let refinement = Refinement { focal: options.focal, ..Refinement::default() };
-    let everyone = solve(&keep(&usable), &bearings, camera, &refinement);
+    let everyone = solve(&keep(&usable), camera, &refinement);
     let threshold = match options.threshold {
         Some(threshold) if usable.len() > needed => threshold,
         _ => return everyone.map(|fit| fit.solution(correspondences.len(), &usable)),
@@ -81,7 +81,7 @@ pub fn pose(correspondences: &[Correspondence], camera: &Camera, options: &Optio
     let found = consensus(&bearings, camera, threshold, &options.sampling)?;
     let mut kept: Vec<usize> =
         usable.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(i, _)| *i).collect();
-    let mut fit = refit(&keep(&kept), &View { camera: *camera, pose: found.pose }, &refinement)?;
+    let mut fit = solve(&keep(&kept), camera, &refinement)?;
     // The consensus was found in the undistorted photo; settle who belongs to it in the photo itself.
     for _ in 0..10 {
         let now: Vec<usize> = usable.iter().copied().filter(|i| agrees(&fit.best.view, *i)).collect();
@@ -89,7 +89,7 @@ pub fn pose(correspondences: &[Correspondence], camera: &Camera, options: &Optio
             break;
         }
         kept = now;
-        fit = refit(&keep(&kept), &fit.best.view, &refinement)?;
+        fit.best = refine(&keep(&kept), &fit.best.view, &refinement)?;
     }
     Ok(fit.solution(correspondences.len(), &kept))
 }
@@ -119,15 +119,11 @@ impl Fit {
 }
 
 /// The global minimum of the reprojection error: every minimum of the depth-weighted error, refined.
-fn solve(
-    correspondences: &[Correspondence],
-    bearings: &[Bearing],
-    camera: &Camera,
-    refinement: &Refinement,
-) -> Result<Fit, NoSolution> {
+fn solve(correspondences: &[Correspondence], camera: &Camera, refinement: &Refinement) -> Result<Fit, NoSolution> {
     let frame = Frame::new(correspondences.iter().map(|c| c.point.coords))?;
-    let points = || bearings.iter().map(|b| frame.enter(&b.point));
-    let starts = minima(points().zip(bearings).map(|(point, b)| Bearing { point, image: b.image }))?;
+    let points = || correspondences.iter().map(|c| frame.enter(&c.point.coords));
+    let bearing = |(c, point): (&Correspondence, _)| Some(Bearing { point, ..c.bearing(camera)? });
+    let starts = minima(correspondences.iter().zip(points()).filter_map(bearing))?;
     let inner: Vec<Correspondence> =
         points().zip(correspondences).map(|(p, c)| Correspondence::new(Point3::from(p), c.pixel)).collect();
     let mut fits: Vec<Refined> = Vec::new();
@@ -146,9 +142,4 @@ fn solve(
         .filter(|f| f.cost <= (4.0 * best.cost).max(0.25 * inner.len() as f64))
         .map(|f| frame.leave(&f.view.pose));
     Ok(Fit { best: best.leave(&frame), alternative })
-}
-
-/// The minimum next to a known pose.
-fn refit(correspondences: &[Correspondence], view: &View, refinement: &Refinement) -> Result<Fit, NoSolution> {
-    Ok(Fit { best: crate::refine(correspondences, view, refinement)?, alternative: None })
 }

@@ -96,7 +96,8 @@ fn descend<const N: usize>(correspondences: &[Correspondence], start: &View, opt
             continue;
         };
         if next_cost <= cost {
-            let settled = cost - next_cost <= 1e-12 * cost;
+            // What is left to gain is a small part of this gain; residuals of 1e-11 px are rounding.
+            let settled = cost - next_cost <= 1e-10 * cost || next_cost <= 1e-22 * correspondences.len() as f64;
             (view, cost, normal) = (next, next_cost, next_normal);
             damping = (0.1 * damping).max(1e-12);
             if settled || size < 1e-28 {
