@@ -15,9 +15,6 @@ use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, prelude::*};
 /// Triangles looked at together.
 const LANES: usize = 16;
 
-/// Triangles sifted before the small ones among them are drawn.
-const BLOCK: usize = 32 * LANES;
-
 /// How many triangles ahead vertices are prefetched.
 const AHEAD: usize = 4 * LANES;
 
@@ -57,10 +54,21 @@ pub(crate) struct Sieve<'a> {
     pub(crate) bounds: [i32; 2],
 }
 
-/// Corner positions of sixteen triangles.
+/// Sixteen triangles: faces and corner positions.
+#[derive(Clone, Copy)]
 struct Batch<S: Simd> {
+    face: i32x16<S>,
     x: [i32x16<S>; 3],
     y: [i32x16<S>; 3],
+}
+
+/// Triangles on their way to be drawn: room for those left of one batch and all of the next.
+#[derive(Default)]
+struct Queue {
+    count: usize,
+    face: [[i32; LANES]; 2],
+    x: [[[i32; LANES]; 2]; 3],
+    y: [[[i32; LANES]; 2]; 3],
 }
 
 /// Their boxes and what pixels those may cover within the picture.
@@ -80,40 +88,38 @@ impl Sieve<'_> {
 
     #[inline(always)]
     fn sift_with<S: Simd>(&self, simd: S, range: std::ops::Range<usize>, sink: &mut impl Sink) {
-        let mut small = [0; BLOCK];
-        for start in range.clone().step_by(BLOCK) {
-            let mut count = 0;
-            for start in (start..range.end.min(start + BLOCK)).step_by(LANES) {
-                let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
-                let ahead = start + AHEAD..range.end.min(start + AHEAD + LANES);
-                for vertex in self.mesh.indices.get(ahead).unwrap_or_default().as_flattened() {
-                    prefetch(&self.projected.xy, *vertex as usize);
-                }
-                let (boxed, rest) = self.classify(simd, triangles);
-                for lane in bits(boxed) {
-                    small[count] = (start + lane) as u32;
-                    count += 1;
-                }
-                for lane in bits(rest) {
-                    self.pass_on(simd, (start + lane) as u32, triangles[lane], sink);
+        let lanes = i32x16::load_array(simd, std::array::from_fn(|lane| lane as i32));
+        let mut queue = Queue::default();
+        for start in range.clone().step_by(LANES) {
+            let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
+            let ahead = start + AHEAD..range.end.min(start + AHEAD + LANES);
+            for vertex in self.mesh.indices.get(ahead).unwrap_or_default().as_flattened() {
+                prefetch(&self.projected.xy, *vertex as usize);
+            }
+            let mut xy = [[[CLIP; 2]; LANES]; 3];
+            for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
+                for k in 0..3 {
+                    xy[k][lane] = self.projected.position(triangle[k]);
                 }
             }
-            for faces in small[..count].chunks(LANES) {
-                self.cover(simd, faces, sink);
+            let batch = Batch::new(simd, &xy, lanes + start as i32);
+            let (small, rest) = self.classify(simd, &batch);
+            queue.push(&batch, small);
+            if let Some(batch) = queue.pop(simd) {
+                self.cover(simd, &batch, LANES, sink);
+            }
+            let valid = (1 << triangles.len()) - 1;
+            for lane in bits(rest.to_bitmask() & valid) {
+                self.pass_on(simd, (start + lane) as u32, triangles[lane], sink);
             }
         }
+        self.cover(simd, &queue.first(simd), queue.count, sink);
     }
 
-    /// The small triangles whose boxes hold pixel centres, and the others that may be seen, as bit masks.
+    /// The small triangles whose boxes hold pixel centres, and the others that may be seen. Lanes without a triangle come
+    /// as [`CLIP`] and are among the others.
     #[inline(always)]
-    fn classify<S: Simd>(&self, simd: S, triangles: &[[u32; 3]]) -> (u64, u64) {
-        let mut xy = [[[CLIP; 2]; LANES]; 3];
-        for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
-            for k in 0..3 {
-                xy[k][lane] = self.projected.position(triangle[k]);
-            }
-        }
-        let batch = Batch::new(simd, &xy);
+    fn classify<S: Simd>(&self, simd: S, batch: &Batch<S>) -> (mask32x16<S>, mask32x16<S>) {
         let boxes = batch.boxes(simd, self.bounds);
         let clipped = boxes.left.simd_eq(CLIP);
         let seen = boxes.last[0].simd_ge(boxes.first[0]) & boxes.last[1].simd_ge(boxes.first[1]);
@@ -122,25 +128,21 @@ impl Sieve<'_> {
         let small = boxes.width.max(boxes.height).simd_lt(longest) & pixels.simd_lt(SMALL_PIXELS);
         let area = batch.twice_area();
         let facing = if self.cull { area.simd_lt(0) } else { !area.simd_eq(0) };
-        let drawn = seen & small & facing & !clipped;
-        let rest = clipped | (seen & !small);
-        let valid = (1 << triangles.len()) - 1;
-        (drawn.to_bitmask() & valid, rest.to_bitmask() & valid)
+        (seen & small & facing & !clipped, clipped | (seen & !small))
     }
 
     /// Draws small triangles, one a lane, pixel by pixel of their boxes.
     #[inline(always)]
-    fn cover<S: Simd>(&self, simd: S, faces: &[u32], sink: &mut impl Sink) {
-        let mut xy = [[[0; 2]; LANES]; 3];
+    fn cover<S: Simd>(&self, simd: S, batch: &Batch<S>, count: usize, sink: &mut impl Sink) {
+        let mut batch = *batch;
+        let faces: [i32; LANES] = batch.face.into();
         let mut w = [[0.0; LANES]; 3];
-        for (lane, &face) in faces.iter().enumerate().take(LANES) {
-            let triangle = self.mesh.indices[face as usize];
+        for (lane, &face) in faces.iter().enumerate().take(count) {
+            let triangle = self.mesh.indices[face as u32 as usize];
             for k in 0..3 {
-                let corner = self.projected.corner(triangle[k]);
-                (xy[k][lane], w[k][lane]) = ([corner.x, corner.y], corner.w);
+                w[k][lane] = self.projected.w[triangle[k] as usize];
             }
         }
-        let mut batch = Batch::new(simd, &xy);
         let mut w = [f32x16::load_array(simd, w[0]), f32x16::load_array(simd, w[1]), f32x16::load_array(simd, w[2])];
         let Boxes { first, last, .. } = batch.boxes(simd, self.bounds);
         let area = batch.twice_area();
@@ -164,7 +166,7 @@ impl Sieve<'_> {
                 (edge, open, dx << SUBPIXEL_BITS, dy << SUBPIXEL_BITS)
             },
         );
-        let valid = (1_u64 << faces.len()) - 1;
+        let valid = (1_u64 << count) - 1;
         let [columns, rows] = [last[0] - first[0], last[1] - first[1]];
         let origin: [i32; LANES] = (first[1] * self.bounds[0] + first[0]).into();
         let top: [i32; LANES] = first[1].into();
@@ -194,7 +196,7 @@ impl Sieve<'_> {
                     let here: [f32; LANES] = (a * w[0] + b * w[1] + c * w[2]).into();
                     for lane in bits(covered) {
                         let pixel = (origin[lane] + row * self.bounds[0] + column) as u32;
-                        let fragment = Fragment { pixel, face: faces[lane], w: here[lane] };
+                        let fragment = Fragment { pixel, face: faces[lane] as u32, w: here[lane] };
                         sink.fragment(fragment, (top[lane] + row) as u32);
                     }
                 }
@@ -254,13 +256,13 @@ impl Sieve<'_> {
 
 impl<S: Simd> Batch<S> {
     #[inline(always)]
-    fn new(simd: S, xy: &[[[i32; 2]; LANES]; 3]) -> Self {
+    fn new(simd: S, xy: &[[[i32; 2]; LANES]; 3], face: i32x16<S>) -> Self {
         let [a, b, c] = xy.each_ref().map(|xy| xy.as_flattened().split_at(LANES));
         let load = |half: &[i32]| i32x16::from_slice(simd, half);
         let a = load(a.0).deinterleave(load(a.1));
         let b = load(b.0).deinterleave(load(b.1));
         let c = load(c.0).deinterleave(load(c.1));
-        Self { x: [a.0, b.0, c.0], y: [a.1, b.1, c.1] }
+        Self { face, x: [a.0, b.0, c.0], y: [a.1, b.1, c.1] }
     }
 
     #[inline(always)]
@@ -283,6 +285,44 @@ impl<S: Simd> Batch<S> {
     fn twice_area(&self) -> i32x16<S> {
         let ([ax, bx, cx], [ay, by, cy]) = (self.x, self.y);
         (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    }
+}
+
+impl Queue {
+    /// Appends the triangles a mask selects.
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, batch: &Batch<S>, mask: mask32x16<S>) {
+        let at = self.count..self.count + LANES;
+        batch.face.compress(mask).store_slice(&mut self.face.as_flattened_mut()[at.clone()]);
+        for k in 0..3 {
+            batch.x[k].compress(mask).store_slice(&mut self.x[k].as_flattened_mut()[at.clone()]);
+            batch.y[k].compress(mask).store_slice(&mut self.y[k].as_flattened_mut()[at.clone()]);
+        }
+        self.count += mask.to_bitmask().count_ones() as usize;
+    }
+
+    /// The first sixteen triangles, fewer if there are not as many.
+    #[inline(always)]
+    fn first<S: Simd>(&self, simd: S) -> Batch<S> {
+        let load = |lanes: &[[i32; LANES]; 2]| i32x16::load_array(simd, lanes[0]);
+        let ([x0, x1, x2], [y0, y1, y2]) = (&self.x, &self.y);
+        Batch { face: load(&self.face), x: [load(x0), load(x1), load(x2)], y: [load(y0), load(y1), load(y2)] }
+    }
+
+    /// Takes out sixteen triangles once there are as many.
+    #[inline(always)]
+    fn pop<S: Simd>(&mut self, simd: S) -> Option<Batch<S>> {
+        if self.count < LANES {
+            return None;
+        }
+        let batch = self.first(simd);
+        self.count -= LANES;
+        self.face[0] = self.face[1];
+        for k in 0..3 {
+            self.x[k][0] = self.x[k][1];
+            self.y[k][0] = self.y[k][1];
+        }
+        Some(batch)
     }
 }
 
