@@ -17,7 +17,7 @@ pub struct HaloPixel {
 }
 
 /// All background pixels at most `band` pixels away from the surface's picture, row by row. `f32::INFINITY` takes in all of
-/// the background; nothing comes back where nothing is covered.
+/// the background; nothing comes back where nothing is covered. Bands end at 65,534 pixels.
 ///
 /// Among several nearest pixels one is chosen, always the same one.
 pub fn outline(gbuffer: &GBuffer, band: f32) -> Vec<HaloPixel> {
@@ -26,119 +26,101 @@ pub fn outline(gbuffer: &GBuffer, band: f32) -> Vec<HaloPixel> {
     if width == 0 {
         return halo;
     }
-    let limit = (f64::from(band) * f64::from(band)) as i64;
-    let rows_away = column_distances(gbuffer, band as i32);
-    let mut envelope = Envelope::default();
-    let rows = rows_away.chunks_exact(width).zip(gbuffer.face.chunks_exact(width));
-    for (y, (rows_away, faces)) in rows.enumerate() {
-        envelope.build(rows_away);
-        if envelope.parabolas.is_empty() {
-            continue;
+    let reach = f64::from(band.max(0.0)).min(f64::from(FAR - 1));
+    let limit = (reach * reach) as i64;
+    let reach = reach as u16;
+    let below = rows_to_surface(gbuffer);
+    let mut above = vec![FAR; width];
+    let mut nearest = vec![FAR; width];
+    let mut envelope = Vec::new();
+    let rows = below.chunks_exact(width).zip(gbuffer.face.chunks_exact(width));
+    for (y, (below, faces)) in rows.enumerate() {
+        for (((above, nearest), &below), &face) in above.iter_mut().zip(&mut nearest).zip(below).zip(faces) {
+            *above = if face == NO_FACE { above.saturating_add(1) } else { 0 };
+            *nearest = below.min(*above);
         }
-        let mut lowest = 0;
-        for (x, _) in faces.iter().enumerate().filter(|&(_, &face)| face == NO_FACE) {
-            let nearest = envelope.at(x, &mut lowest);
-            let squared = nearest.height + square(x as i64 - nearest.x as i64);
-            if squared <= limit {
-                let nearest_y = y as i64 + i64::from(rows_away[nearest.x]);
-                halo.push(HaloPixel {
-                    pixel: (y * width + x) as u32,
-                    nearest: (nearest_y as usize * width + nearest.x) as u32,
-                    distance: (squared as f32).sqrt(),
-                });
+        build_envelope(&nearest, reach, &mut envelope);
+        for (k, parabola) in envelope.iter().enumerate() {
+            let height = parabola.rows * parabola.rows;
+            let half = ((limit - height) as f64).sqrt() as i64;
+            let next = envelope.get(k + 1).map_or(width as i64, |next| next.start);
+            let start = parabola.start.max(parabola.x - half).max(0);
+            let end = next.min(parabola.x + half + 1).min(width as i64);
+            let rows_up = i64::from(above[parabola.x as usize]);
+            let row = if rows_up == parabola.rows { y as i64 - rows_up } else { y as i64 + parabola.rows };
+            let nearest = (row * width as i64 + parabola.x) as u32;
+            for x in start..end {
+                if faces[x as usize] == NO_FACE {
+                    let squared = height + (x - parabola.x) * (x - parabola.x);
+                    let pixel = (y * width) as u32 + x as u32;
+                    halo.push(HaloPixel { pixel, nearest, distance: (squared as f32).sqrt() });
+                }
             }
         }
     }
     halo
 }
 
-/// No surface pixel in this column within reach.
-const FAR: i32 = i32::MAX;
+/// More rows than are counted.
+const FAR: u16 = u16::MAX;
 
-/// For each pixel the signed number of rows to the nearest surface pixel of its column (the upper one where equal), or
-/// [`FAR`] where that is more than `reach`.
-fn column_distances(gbuffer: &GBuffer, reach: i32) -> Vec<i32> {
+/// For each pixel the number of rows down to the next surface pixel of its column.
+fn rows_to_surface(gbuffer: &GBuffer) -> Vec<u16> {
     let width = gbuffer.width as usize;
-    let height = gbuffer.height as i32;
-    let reach = reach.min(height);
-    let mut distances = vec![FAR; gbuffer.face.len()];
-    let rows = distances.chunks_exact_mut(width).zip(gbuffer.face.chunks_exact(width));
-    let rows: Vec<_> = (0..height).zip(rows).collect();
-    let mut above = vec![-height - 1; width];
-    let mut below = vec![2 * height + 1; width];
-    let mut rows = rows;
-    for (y, (distances, faces)) in rows.iter_mut() {
-        for ((distance, above), &face) in distances.iter_mut().zip(&mut above).zip(*faces) {
-            *above = if face == NO_FACE { *above } else { *y };
-            let away = *y - *above;
-            *distance = if away <= reach { -away } else { FAR };
+    let mut below = vec![FAR; gbuffer.face.len()];
+    let mut last = vec![FAR; width];
+    for (below, faces) in below.chunks_exact_mut(width).zip(gbuffer.face.chunks_exact(width)).rev() {
+        for ((below, last), &face) in below.iter_mut().zip(&mut last).zip(faces) {
+            *last = if face == NO_FACE { last.saturating_add(1) } else { 0 };
+            *below = *last;
         }
     }
-    for (y, (distances, faces)) in rows.iter_mut().rev() {
-        for ((distance, below), &face) in distances.iter_mut().zip(&mut below).zip(*faces) {
-            *below = if face == NO_FACE { *below } else { *y };
-            let away = *below - *y;
-            let nearer = away <= reach && (away as u32) < distance.unsigned_abs();
-            *distance = if nearer { away } else { *distance };
-        }
-    }
-    distances
+    below
 }
 
-/// The lower envelope of a row's parabolas, from left to right.
-#[derive(Default)]
-struct Envelope {
-    parabolas: Vec<Parabola>,
-}
-
-/// `(x − self.x)² + height`, the lowest from `start` on.
+/// `(x − self.x)² + rows²`, the lowest of a row's parabolas from `start` to the start of the next.
 #[derive(Clone, Copy)]
 struct Parabola {
-    x: usize,
-    height: i64,
+    x: i64,
+    rows: i64,
     start: i64,
 }
 
-impl Envelope {
-    fn build(&mut self, rows_away: &[i32]) {
-        self.parabolas.clear();
-        for (x, &away) in rows_away.iter().enumerate() {
-            // Inside the surface's picture no background pixel is nearest.
-            let inside = x > 0 && away == 0 && rows_away[x - 1] == 0;
-            if away == FAR || (inside && rows_away.get(x + 1) == Some(&0)) {
-                continue;
-            }
-            let mut new = Parabola { x, height: square(i64::from(away)), start: 0 };
-            while let Some(last) = self.parabolas.last() {
-                new.start = last.overtaken_by(&new);
-                if new.start > last.start {
-                    break;
+/// The lower envelope of the parabolas of a row whose pixels are so many rows away from the surface.
+fn build_envelope(rows_away: &[u16], reach: u16, envelope: &mut Vec<Parabola>) {
+    /// Pixels passed over together where there is nothing to see.
+    const STEP: usize = 32;
+    envelope.clear();
+    let mut before = FAR;
+    for (k, pixels) in rows_away.chunks(STEP).enumerate() {
+        // Background out of reach, and the inside of the surface's picture.
+        let dull = pixels.iter().fold(true, |dull, &away| dull & (away > reach))
+            || (before == 0 && rows_away.get((k + 1) * STEP) == Some(&0) && pixels.iter().all(|&away| away == 0));
+        if !dull {
+            for (x, &away) in (k * STEP..).zip(pixels) {
+                let inside = away == 0 && before == 0 && rows_away.get(x + 1) == Some(&0);
+                before = away;
+                if away <= reach && !inside {
+                    push_parabola(envelope, x as i64, i64::from(away));
                 }
-                self.parabolas.pop();
-                new.start = 0;
             }
-            self.parabolas.push(new);
         }
-    }
-
-    /// The lowest parabola at x, asked for from left to right; `lowest` remembers where the last answer was.
-    fn at(&self, x: usize, lowest: &mut usize) -> Parabola {
-        while self.parabolas.get(*lowest + 1).is_some_and(|next| next.start <= x as i64) {
-            *lowest += 1;
-        }
-        self.parabolas[*lowest]
+        before = pixels[pixels.len() - 1];
     }
 }
 
-impl Parabola {
-    /// The first integer from which a parabola farther right is strictly lower.
-    fn overtaken_by(&self, right: &Self) -> i64 {
-        let (p, q) = (self.x as i64, right.x as i64);
-        let rise = (right.height + q * q) - (self.height + p * p);
-        rise.div_euclid(2 * (q - p)) + 1
+/// Adds a parabola to the right of all others.
+fn push_parabola(envelope: &mut Vec<Parabola>, x: i64, rows: i64) {
+    let mut start = 0;
+    while let Some(last) = envelope.last() {
+        // The first integer at which the new one is strictly lower.
+        let rise = (rows * rows + x * x) - (last.rows * last.rows + last.x * last.x);
+        start = rise.div_euclid(2 * (x - last.x)) + 1;
+        if start > last.start {
+            break;
+        }
+        envelope.pop();
+        start = 0;
     }
-}
-
-fn square(x: i64) -> i64 {
-    x * x
+    envelope.push(Parabola { x, rows, start });
 }
