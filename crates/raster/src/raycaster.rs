@@ -1,9 +1,15 @@
 //! The surface point behind a pixel, found again from the face it belongs to.
 
+use crate::gbuffer::NO_FACE;
+use crate::three::each;
 use crate::triangles::Triangles;
+
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use texreg_camera::Camera;
 use texreg_lie::Pose;
+
+/// Pixels intersected together.
+const LANES: usize = 8;
 
 /// Intersects the rays through pixels with triangles that are known to be there, in f64.
 ///
@@ -38,20 +44,42 @@ impl Raycaster {
     /// The weights of the second and third corner of `face` at pixel coordinates, moved into the triangle where the ray
     /// misses it by a rounding error. `None` if the face does not exist, is seen edge-on, or the pixel has no ray.
     pub fn barycentric(&mut self, mesh: &Triangles, face: u32, pixel: Point2<f64>) -> Option<[f32; 2]> {
-        // T. Möller and B. Trumbore, Fast, minimum storage ray/triangle intersection, J. Graphics Tools 1997.
         let ray = self.ray(pixel)?;
-        let [a, b, c] = mesh.corners(face)?.map(|p| Vector3::from(p.map(f64::from)));
-        let (ab, ac, from_a) = (b - a, c - a, self.centre - a);
-        let p = ray.cross(&ac);
-        let determinant = ab.dot(&p);
-        let v = from_a.dot(&p) / determinant;
-        let w = ray.dot(&from_a.cross(&ab)) / determinant;
-        if !(v.is_finite() && w.is_finite()) {
-            return None;
+        let weights = weights(self.centre.into(), ray.into(), mesh.corners(face)?);
+        weights.iter().all(|w| w.is_finite()).then_some(weights)
+    }
+
+    /// [`barycentric`](Self::barycentric) of the pixels of a row that see a face, `[0, 0]` where there is none.
+    #[inline(always)]
+    pub(crate) fn row(&mut self, mesh: &Triangles, y: f64, faces: &[u32], barycentric: &mut [[f32; 2]]) {
+        barycentric.fill([0.0; 2]);
+        let mut seen = (0..faces.len()).filter(|&x| faces[x] != NO_FACE);
+        loop {
+            let (mut count, mut pixels) = (0, [0; LANES]);
+            let (mut rays, mut corners) = ([[0.0; 3]; LANES], [[[0.0; 3]; 3]; LANES]);
+            for x in seen.by_ref() {
+                if let (Some(ray), Some(triangle)) = (self.ray(Point2::new(x as f64, y)), mesh.corners(faces[x])) {
+                    (pixels[count], rays[count], corners[count]) = (x, ray.into(), triangle);
+                    count += 1;
+                }
+                if count == LANES {
+                    break;
+                }
+            }
+            let centre = self.centre.into();
+            let weights: [[f32; 2]; LANES] = std::array::from_fn(
+                #[inline(always)]
+                |lane| weights(centre, rays[lane], corners[lane]),
+            );
+            for (&x, weights) in pixels[..count].iter().zip(weights) {
+                if weights.iter().all(|w| w.is_finite()) {
+                    barycentric[x] = weights;
+                }
+            }
+            if count < LANES {
+                break;
+            }
         }
-        let (v, w) = (v.max(0.0), w.max(0.0));
-        let scale = 1.0 / (v + w).max(1.0);
-        Some([(v * scale) as f32, (w * scale) as f32])
     }
 
     /// The surface point of `face` at pixel coordinates, mesh frame.
@@ -87,4 +115,34 @@ impl Raycaster {
         }
         self.camera.unproject(&pixel)
     }
+}
+
+/// The weights of the second and third corner where a ray meets a triangle, not finite where it is seen edge-on.
+///
+/// T. Möller and B. Trumbore, *Fast, minimum storage ray/triangle intersection*, J. Graphics Tools 1997.
+#[inline(always)]
+fn weights(centre: [f64; 3], ray: [f64; 3], [a, b, c]: [[f32; 3]; 3]) -> [f32; 2] {
+    let [a, b, c] = each([a, b, c], |p| each(p, f64::from));
+    let (ab, ac, from_a) = (minus(b, a), minus(c, a), minus(centre, a));
+    let p = cross(ray, ac);
+    let scale = 1.0 / dot(ab, p);
+    let v = (dot(from_a, p) * scale).max(0.0);
+    let w = (dot(ray, cross(from_a, ab)) * scale).max(0.0);
+    let inside = 1.0 / (v + w).max(1.0);
+    [(v * inside) as f32, (w * inside) as f32]
+}
+
+#[inline(always)]
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[inline(always)]
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

@@ -4,9 +4,8 @@ use crate::band::{Band, unlock};
 use crate::corner::{Corner, Projected, SUBPIXEL_BITS, first_pixel};
 use crate::projector::{Lens, Projector};
 use crate::sieve::{Fragment, Sieve, Sink};
-use crate::{GBuffer, NO_FACE, Options, Raycaster, Triangles};
+use crate::{GBuffer, Options, Raycaster, Triangles};
 use fearless_simd::{Level, dispatch, prelude::*};
-use nalgebra::Point2;
 use rayon::prelude::*;
 use texreg_camera::Camera;
 use texreg_lie::Pose;
@@ -268,14 +267,7 @@ impl Finisher<'_> {
         let mut raycaster = self.raycaster.clone();
         let rows = barycentric.chunks_exact_mut(self.width).zip(face.chunks_exact(self.width));
         for ((weights, faces), y) in rows.zip(first / self.width..) {
-            for ((weights, &face), x) in weights.iter_mut().zip(faces).zip(0..) {
-                if face == NO_FACE {
-                    *weights = [0.0; 2];
-                } else {
-                    let pixel = Point2::new(f64::from(x), y as f64);
-                    *weights = raycaster.barycentric(self.mesh, face, pixel).unwrap_or_default();
-                }
-            }
+            dispatch!(self.level, _simd => raycaster.row(self.mesh, y as f64, faces, weights));
         }
     }
 }
