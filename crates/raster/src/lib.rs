@@ -1,8 +1,4 @@
-//! A multi-threaded CPU rasterizer that turns meshes into G-buffers.
-//!
-//! [`render`] draws a mesh as a [`Camera`](texreg_camera::Camera) sees it, lens distortion included, into a [`GBuffer`]:
-//! depth, face and, if asked for, perspective-correct barycentrics of the surface point in every pixel's centre.
-//! [`Renderer`] does the same again and again without allocating. [`outline`] finds the background around the silhouette.
+#![doc = include_str!("../README.md")]
 
 mod band;
 mod clip;

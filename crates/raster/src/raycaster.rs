@@ -56,10 +56,17 @@ impl Raycaster {
         let mut seen = (0..faces.len()).filter(|&x| faces[x] != NO_FACE);
         loop {
             let (mut count, mut pixels) = (0, [0; LANES]);
-            let (mut rays, mut corners) = ([[0.0; 3]; LANES], [[[0.0; 3]; 3]; LANES]);
+            // Coordinate by coordinate, as vectors want them.
+            let (mut rays, mut corners) = ([[0.0; LANES]; 3], [[[0.0; LANES]; 3]; 3]);
             for x in seen.by_ref() {
                 if let (Some(ray), Some(triangle)) = (self.ray(Point2::new(x as f64, y)), mesh.corners(faces[x])) {
-                    (pixels[count], rays[count], corners[count]) = (x, ray.into(), triangle);
+                    pixels[count] = x;
+                    for k in 0..3 {
+                        rays[k][count] = ray[k];
+                        for (corner, position) in corners.iter_mut().zip(triangle) {
+                            corner[k][count] = position[k];
+                        }
+                    }
                     count += 1;
                 }
                 if count == LANES {
@@ -67,13 +74,16 @@ impl Raycaster {
                 }
             }
             let centre = self.centre.into();
-            let weights: [[f32; 2]; LANES] = std::array::from_fn(
-                #[inline(always)]
-                |lane| weights(centre, rays[lane], corners[lane]),
-            );
-            for (&x, weights) in pixels[..count].iter().zip(weights) {
-                if weights.iter().all(|w| w.is_finite()) {
-                    barycentric[x] = weights;
+            let mut found = [[0.0; LANES]; 2];
+            for lane in 0..LANES {
+                let at = |v: &[[f64; LANES]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
+                let corner = |v: &[[f32; LANES]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
+                let triangle = [corner(&corners[0]), corner(&corners[1]), corner(&corners[2])];
+                [found[0][lane], found[1][lane]] = weights(centre, at(&rays), triangle);
+            }
+            for (lane, &x) in pixels[..count].iter().enumerate() {
+                if found[0][lane].is_finite() && found[1][lane].is_finite() {
+                    barycentric[x] = [found[0][lane], found[1][lane]];
                 }
             }
             if count < LANES {
