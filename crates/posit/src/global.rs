@@ -19,8 +19,10 @@ type Matrix9 = SMatrix<f64, 9, 9>;
 type Vector9 = SVector<f64, 9>;
 type Matrix9x3 = SMatrix<f64, 9, 3>;
 
-/// How many starts are followed to their minimum.
-const FOLLOWED: usize = 5;
+/// How many starts are followed to their minimum: with few points there are more minima.
+const FOLLOWED: usize = 8;
+const FOLLOWED_OF_MANY: usize = 5;
+const MANY: usize = 11;
 
 /// The local minima of the depth-weighted reprojection error, best first, as `camera_from_world`.
 pub fn global(bearings: &[Bearing]) -> Result<Vec<Pose>, NoSolution> {
@@ -53,7 +55,8 @@ pub(crate) fn minima(bearings: impl Iterator<Item = Bearing>) -> Result<[Option<
         }
     }
     let mut found = [None; FOLLOWED];
-    for (_, start) in starts.into_iter().filter(|s| s.0.is_finite()) {
+    let followed = if form.count < MANY { FOLLOWED } else { FOLLOWED_OF_MANY };
+    for (_, start) in starts.into_iter().take(followed).filter(|s| s.0.is_finite()) {
         insert(&mut found, form.descend_in_front(start));
     }
     // A shallow set looks much the same mirrored in depth: reflect about the image plane, and the thin axis back.
@@ -94,6 +97,8 @@ fn cube_rotations() -> impl Iterator<Item = Matrix3<f64>> {
 struct Form {
     omega: Matrix9,
     translation: SMatrix<f64, 3, 9>,
+    /// Of points.
+    count: usize,
 }
 
 impl Form {
@@ -136,7 +141,7 @@ impl Form {
         let rr = Matrix9::from_fn(|k, l| blocks[k / 3][l / 3][(k % 3, l % 3)]);
         let inverse = tt.try_inverse().ok_or(NoSolution::OnePixel)?;
         let translation = -(inverse * tr);
-        Ok(Self { omega: rr + tr.transpose() * translation, translation })
+        Ok(Self { omega: rr + tr.transpose() * translation, translation, count: count as usize })
     }
 
     /// f = rᵀ Ω r, and Ω r.
