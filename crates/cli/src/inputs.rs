@@ -21,8 +21,6 @@ const ASTRAY: f64 = 0.02;
 
 /// The photos of a run and everything the command line says of them, checked as far as is possible without opening a photo.
 pub(crate) struct Inputs {
-    /// The model's path.
-    pub(crate) model: PathBuf,
     /// The photos' paths.
     pub(crate) photos: Vec<PathBuf>,
     start: Start,
@@ -51,7 +49,7 @@ impl Inputs {
             (None, None) => bail!("no start: give --pairs FILE or --init FILE"),
         };
         let lenses = args.camera.as_ref().map(|path| anyhow::Ok((path.clone(), read_lenses(path)?))).transpose()?;
-        let inputs = Self { model: args.model.clone(), photos: args.photos.clone(), start, lenses };
+        let inputs = Self { photos: args.photos.clone(), start, lenses };
         for path in &inputs.photos {
             inputs.check(&name(path))?;
         }

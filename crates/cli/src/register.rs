@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    CameraEntry, CameraFile, Error, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay, register,
+    CameraEntry, CameraFile, Model, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay, register,
     write_cameras,
 };
 use texreg::surface::Mesh;
@@ -60,7 +60,8 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     let refines = |part| args.refine.contains(&part);
     let options = Options {
         metric: args.metric,
-        signal: args.signal.clone(),
+        rotation: args.rotation,
+        solver: args.solver,
         refine: Refine {
             focal: refines(Part::Focal),
             principal: refines(Part::Principal),
@@ -68,8 +69,9 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
         },
         seed: args.seed,
     };
+    let ready = Model::new(&mesh, &args.signal).map_err(|error| anyhow!("{}: {error}", args.inputs.model.display()))?;
     let bar = progress(inputs.photos.len());
-    let photos = inputs.photos.iter().map(|path| one(path, &mesh, &inputs, &options, &bar));
+    let photos = inputs.photos.iter().map(|path| one(path, &mesh, &ready, &inputs, &options, &bar));
     let photos: Vec<Registered> = photos.collect::<anyhow::Result<_>>()?;
     bar.finish_and_clear();
 
@@ -90,19 +92,24 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     Ok(if photos.iter().all(Registered::is_good) { Ending::Good } else { Ending::Doubtful })
 }
 
-fn one(path: &Path, mesh: &Mesh, inputs: &Inputs, options: &Options, bar: &ProgressBar) -> anyhow::Result<Registered> {
+fn one(
+    path: &Path,
+    mesh: &Mesh,
+    model: &Model,
+    inputs: &Inputs,
+    options: &Options,
+    bar: &ProgressBar,
+) -> anyhow::Result<Registered> {
     let photo = photo(path)?;
     let start = inputs.start(&photo)?;
     bar.set_message(photo.file.clone());
     let before = bar.position();
-    let outcome = register(mesh, &photo, &start, options, &mut |event| {
+    let outcome = register(model, &photo, &start, options, &mut |event| {
         bar.set_position(before + PARTS * event.done as u64 / event.of.max(1) as u64);
     });
     bar.set_position(before + PARTS);
-    let outcome = outcome.map_err(|error| match error {
-        Error::NoReflectance => anyhow!("{}: {error}", inputs.model.display()),
-        Error::NothingVisible => anyhow!("{}: photo {}: {error}", inputs.start_file().display(), photo.file),
-    })?;
+    let context = || format!("{}: photo {}", inputs.start_file().display(), photo.file);
+    let outcome = outcome.map_err(|error| anyhow!("{}: {error}", context()))?;
     let panels = [
         Panel { label: "start", view: &start, colour: [255, 168, 30] },
         Panel { label: word(outcome.status), view: &outcome.view, colour: colour(outcome.status) },

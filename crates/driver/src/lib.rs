@@ -7,10 +7,13 @@ mod error;
 mod evaluate;
 mod files;
 mod layer;
+mod model;
 mod objective;
 mod options;
+mod outcome;
 mod overlay;
 mod overview;
+mod palette;
 mod parameters;
 mod photo;
 mod pyramid;
@@ -18,6 +21,7 @@ mod register;
 mod samples;
 mod search;
 mod signal;
+mod verdict;
 
 pub use error::Error;
 pub use evaluate::{Motion, Score, TruePhoto, Truth, motion, read_truth, score};
@@ -26,9 +30,11 @@ pub use files::{
     write_atomic, write_cameras,
 };
 pub use layer::{Layer, layer};
+pub use model::Model;
 pub use options::{MetricName, Options, RotationName, SignalName, SolverName};
+pub use outcome::{Event, Outcome, Stage, Status};
 pub use overlay::{Panel, overlay};
 pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
-pub use register::{Event, Outcome, Registration, Stage, Status, register};
+pub use register::{Registration, register};
 pub use signal::{Both, Normals, Ranked, Signal, Surfel};

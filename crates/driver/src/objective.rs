@@ -6,7 +6,7 @@
 //! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`.
 
 use crate::Refine;
-use crate::parameters::{MOST, POSE};
+use crate::parameters::{MOST, POSE, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
 use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
@@ -30,7 +30,7 @@ pub(crate) struct PhotoObjective<'a> {
     pub(crate) level: &'a Level,
     pub(crate) density: &'a dyn Density,
     pub(crate) metric: &'a dyn Metric,
-    pub(crate) refine: Refine,
+    pub(crate) space: &'a ViewSpace<'a>,
     pub(crate) prior: Prior,
     seen: Option<Seen>,
     /// How often the metric was evaluated.
@@ -55,16 +55,16 @@ impl<'a> PhotoObjective<'a> {
         level: &'a Level,
         density: &'a dyn Density,
         metric: &'a dyn Metric,
-        refine: Refine,
+        space: &'a ViewSpace<'a>,
         prior: Prior,
     ) -> Self {
-        Self { samples, level, density, metric, refine, prior, seen: None, evaluations: 0 }
+        Self { samples, level, density, metric, space, prior, seen: None, evaluations: 0 }
     }
 
     /// Minus half the squared distance from the expected camera in standard deviations, weighted.
     fn log_prior(&self, view: &View) -> f64 {
-        let offset = self.refine.offset(&self.prior.camera, &view.camera);
-        let deviations = self.refine.deviations(&self.prior.camera);
+        let offset = self.space.refine.offset(&self.prior.camera, &view.camera);
+        let deviations = self.space.refine.deviations(&self.prior.camera);
         -0.5 * self.prior.weight * offset.iter().zip(deviations).map(|(x, d)| (x / d).powi(2)).sum::<f64>()
     }
 }
@@ -104,7 +104,7 @@ impl Objective<View> for PhotoObjective<'_> {
         let seen = self.seen.as_ref().expect("the view was just evaluated");
         let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &seen.values }, &seen.table);
         let camera = self.level.camera(&at.camera);
-        let dimension = self.refine.dimension();
+        let dimension = self.space.refine.dimension();
         let sums: Vec<Sums> = self
             .samples
             .points
@@ -116,7 +116,7 @@ impl Objective<View> for PhotoObjective<'_> {
                 for ((point, slope), &score) in points.iter().zip(slopes).zip(scores) {
                     if score != 0.0 {
                         let gradient = f64::from(score) * Vector2::new(f64::from(slope[0]), f64::from(slope[1]));
-                        if let Some(row) = chain(at, &camera, self.refine, self.level.scale, point, &gradient) {
+                        if let Some(row) = chain(at, &camera, self.space.refine, self.level.scale, point, &gradient) {
                             sums.add(&row[..dimension]);
                         }
                     }
@@ -129,17 +129,17 @@ impl Objective<View> for PhotoObjective<'_> {
         sums.iter().for_each(|part| total.merge(part));
         let mut gradient = DVector::from_fn(dimension, |i, _| scale * total.first[i]);
         let mut curvature = DMatrix::from_fn(dimension, dimension, |i, j| scale * total.second[i.max(j)][i.min(j)]);
-        let offset = self.refine.offset(&self.prior.camera, &at.camera);
-        for (k, (x, d)) in offset.iter().zip(self.refine.deviations(&self.prior.camera)).enumerate() {
+        let offset = self.space.refine.offset(&self.prior.camera, &at.camera);
+        for (k, (x, d)) in offset.iter().zip(self.space.refine.deviations(&self.prior.camera)).enumerate() {
             let precision = self.prior.weight / (d * d);
             gradient[POSE + k] -= precision * x;
             curvature[(POSE + k, POSE + k)] += precision;
         }
-        Derivatives { gradient, curvature }
+        self.space.pull_back(at, Derivatives { gradient, curvature })
     }
 }
 
-/// `gradientᵀ · ∂pixel/∂step` for one point; `gradient` is by the level's pixels.
+/// `gradientᵀ · ∂pixel/∂ξ` for one point and the tangent ξ; `gradient` is by the level's pixels.
 #[inline]
 fn chain(
     view: &View,

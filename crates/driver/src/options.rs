@@ -1,17 +1,21 @@
 //! What a registration can be asked to do.
 
 use crate::Refine;
+use nalgebra::Rotation3;
 use std::fmt;
 use std::str::FromStr;
+use texreg_lie::{AxisAngle, Chart, Euler, InMatrices, InQuaternions, Left};
 use texreg_mi::{ConditionalEntropy, EntropyCorrelation, Metric, MutualInformation, NormalizedMutualInformation};
 
 /// The options of a registration. `Default` is the choice for a photo of which nothing is known.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
     /// The measure of agreement.
     pub metric: MetricName,
-    /// What the model predicts; several together make a joint signal, none lets the data decide.
-    pub signal: Vec<SignalName>,
+    /// The chart a rotation is stepped in.
+    pub rotation: RotationName,
+    /// The solver that climbs.
+    pub solver: SolverName,
     /// The parts of the camera that are refined with the pose.
     pub refine: Refine,
     /// The seed of everything random.
@@ -76,29 +80,53 @@ names! {
 
 names! {
     /// The charts a rotation is stepped in.
+    #[derive(Default)]
     RotationName {
         /// The Lie algebra around the current rotation.
+        #[default]
         Lie = "lie",
+        /// The rotation vector, rescaled to at most half a turn.
+        AxisAngle = "axis-angle",
+        /// Euler angles, rescaled around the gimbal lock.
+        Euler = "euler",
+        /// Quaternions in R⁴, normalized after each step.
+        Quaternion = "quaternion",
+        /// Matrices in R⁹, brought back to the nearest rotation after each step.
+        Matrix = "matrix",
     }
 }
 
 names! {
     /// The solvers.
+    #[derive(Default)]
     SolverName {
         /// Levenberg–Marquardt with the metric's curvature.
+        #[default]
         LevenbergMarquardt = "lm",
     }
 }
 
 impl MetricName {
     /// The metric of this name.
-    #[must_use]
     pub fn metric(self) -> &'static dyn Metric {
         match self {
             Self::MutualInformation => &MutualInformation,
             Self::Normalized => &NormalizedMutualInformation,
             Self::EntropyCorrelation => &EntropyCorrelation,
             Self::ConditionalEntropy => &ConditionalEntropy,
+        }
+    }
+}
+
+impl RotationName {
+    /// The chart of this name.
+    pub fn chart(self) -> &'static (dyn Chart<Rotation3<f64>> + Sync) {
+        match self {
+            Self::Lie => &Left,
+            Self::AxisAngle => &AxisAngle,
+            Self::Euler => &Euler,
+            Self::Quaternion => &InQuaternions,
+            Self::Matrix => &InMatrices,
         }
     }
 }

@@ -1,24 +1,40 @@
-//! How well a view explains the whole of a small picture: for comparing views that are far from each other.
+//! How well views explain a small picture: for comparing views that are far from each other.
 //!
-//! Every pixel of the level is a sample, whatever the view: pixels beside the model share the background's bin. The photo's
-//! own density is then the same for all views, so that they are compared on equal terms.
+//! A view is rendered, and the mutual information between what the pixels predict and the photo's colours is taken twice: over the
+//! whole picture, where the photo's own density is the same for all views but the share of background differs; and over
+//! the model and a band around it, where the share is the same but the photo's density differs. Each is misled where the other
+//! is not. Bins are few and hard: no derivative is wanted.
 
-use crate::pyramid::Level;
+use crate::Photo;
+use crate::palette::palette;
+use crate::samples::dither;
 use crate::signal::{Signal, Surfel};
 use nalgebra::Matrix3;
 use texreg_camera::View;
-use texreg_mi::{Density, Metric, Samples};
-use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles};
+use texreg_mi::{Joint, Metric, MutualInformation};
+use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles, outline};
 use texreg_surface::Mesh;
 
-/// A level of the photo and the model in front of it.
-pub(crate) struct Overview<'a> {
-    mesh: &'a Mesh,
-    signal: &'a dyn Signal,
-    level: &'a Level,
-    density: &'a dyn Density,
-    metric: &'a dyn Metric,
-    values: Vec<f32>,
+/// The number of colours the photo is reduced to.
+const COLOURS: usize = 24;
+
+/// How far around the silhouette the background counts, in pixels of the picture.
+const BAND: f32 = 8.0;
+
+/// The background's share of samples, over the model's.
+const SHARE: f32 = 0.5;
+
+/// How much more a difference of hue counts than one of brightness.
+const HUE: f32 = 2.0;
+
+/// A small picture of the photo.
+pub(crate) struct Overview {
+    /// Pixels of the picture per pixel of the photo.
+    scale: f64,
+    width: usize,
+    height: usize,
+    /// The colour of each pixel.
+    colours: Vec<u16>,
 }
 
 /// The working memory of one thread.
@@ -29,39 +45,86 @@ pub(crate) struct Workspace {
     bins: Vec<u16>,
 }
 
-impl<'a> Overview<'a> {
-    pub(crate) fn new(
-        mesh: &'a Mesh,
-        signal: &'a dyn Signal,
-        level: &'a Level,
-        density: &'a dyn Density,
-        metric: &'a dyn Metric,
-    ) -> Self {
-        let values = (0..level.height).flat_map(|y| level.row(y)).copied().collect();
-        Self { mesh, signal, level, density, metric, values }
+/// How well a view explains the picture, in nats.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Evidence {
+    /// Over the whole picture.
+    pub(crate) whole: f64,
+    /// Over the model and a band around it.
+    pub(crate) near: f64,
+}
+
+impl Overview {
+    /// The photo reduced by a whole factor.
+    pub(crate) fn new(photo: &Photo, factor: usize) -> Self {
+        let (width, height) = (photo.width as usize / factor, photo.height as usize / factor);
+        let mean = |x: usize, y: usize| {
+            let rows = (y * factor..(y + 1) * factor).map(|row| &photo.rgb[row * photo.width as usize..]);
+            let mut sum = [0.0f32; 3];
+            for pixel in rows.flat_map(|row| &row[x * factor..(x + 1) * factor]) {
+                sum.iter_mut().zip(pixel).for_each(|(sum, &value)| *sum += f32::from(value));
+            }
+            let [red, green, blue] = sum.map(|sum| sum / (factor * factor) as f32);
+            let grey = (red + green + blue) / 3.0;
+            [grey, HUE * (red - grey), HUE * (blue - grey)]
+        };
+        let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| mean(i % width, i / width)).collect();
+        Self { scale: 1.0 / factor as f64, width, height, colours: palette(&pixels, COLOURS) }
     }
 
-    /// The metric between the model as a view shows it and the level; `None` where the view shows nothing of the model.
-    pub(crate) fn score(&self, workspace: &mut Workspace, view: &View) -> Option<f64> {
+    /// The evidence for a view; `None` where it shows nothing of the model.
+    pub(crate) fn evidence(
+        &self,
+        mesh: &Mesh,
+        signal: &dyn Signal,
+        workspace: &mut Workspace,
+        view: &View,
+    ) -> Option<Evidence> {
         let Workspace { renderer, picture, bins } = workspace;
-        let camera = self.level.camera(&view.camera);
-        let triangles = Triangles { positions: &self.mesh.positions, indices: &self.mesh.triangles };
+        let mut camera = view.camera.scaled(self.scale);
+        (camera.width, camera.height) = (self.width as u32, self.height as u32);
+        let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
         let options = Options { parallel: false, ..Options::default() };
         renderer.render(&triangles, &camera, &view.pose, &options, picture);
         let rotation: Matrix3<f32> = view.pose.rotation.matrix().cast();
-        let background = self.signal.bins() as u16;
+        let background = signal.bins();
         bins.clear();
         bins.extend(picture.face.iter().map(|&face| {
             if face == NO_FACE {
-                return background;
+                return background as u16;
             }
-            let corners = self.mesh.triangles[face as usize];
-            let surfel = Surfel { mesh: self.mesh, corners, weights: [1.0 / 3.0; 3], camera_from_mesh: &rotation };
-            self.signal.bin(&surfel) as u16
+            let corners = mesh.triangles[face as usize];
+            let surfel = Surfel { mesh, corners, weights: [1.0 / 3.0; 3], camera_from_mesh: &rotation };
+            signal.bin(&surfel) as u16
         }));
-        if bins.iter().all(|&bin| bin == background) {
+        let mut counts = vec![0u32; (background + 1) * COLOURS];
+        for (&bin, &colour) in bins.iter().zip(&self.colours) {
+            counts[usize::from(bin) * COLOURS + usize::from(colour)] += 1;
+        }
+        let whole = information(background + 1, &counts)?;
+        let covered: u32 = counts[..background * COLOURS].iter().sum();
+        if covered == 0 {
             return None;
         }
-        Some(self.metric.value(&self.density.estimate(&Samples { model: bins, photo: &self.values })))
+        let halo = outline(picture, BAND);
+        let share = SHARE * covered as f32 / halo.len() as f32;
+        counts[background * COLOURS..].fill(0);
+        for pixel in halo {
+            let i = pixel.pixel as usize;
+            if dither(i % self.width, i / self.width) < share {
+                counts[background * COLOURS + usize::from(self.colours[i])] += 1;
+            }
+        }
+        Some(Evidence { whole, near: information(background + 1, &counts)? })
     }
+}
+
+/// Mutual information from counts, less what chance alone would show: G. Miller, *Note on the bias of information estimates*,
+/// in Information Theory in Psychology, 1955. `None` without a sample.
+fn information(rows: usize, counts: &[u32]) -> Option<f64> {
+    let total: u32 = counts.iter().sum();
+    let joint = Joint::from_masses(rows, counts.iter().map(|&count| f64::from(count)).collect());
+    let occupied = |density: &[f64]| density.iter().filter(|&&p| p > 0.0).count() as f64;
+    let freedom = occupied(joint.cells()) - occupied(&joint.model_marginal()) - occupied(&joint.photo_marginal()) + 1.0;
+    (total > 0).then(|| MutualInformation.value(&joint) - 0.5 * freedom / f64::from(total))
 }

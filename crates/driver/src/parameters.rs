@@ -1,12 +1,13 @@
 //! What is refined: the pose always, and parts of the camera when asked.
 //!
-//! A step has the pose's six components first, rotation then translation, and then those of the camera: `log f` (both focal
-//! lengths by the same factor), the principal point in pixels, and `k1, k2, p1, p2, k3`.
+//! The tangent space has the pose's six components first, rotation then translation, and then those of the camera: `log f`
+//! (both focal lengths by the same factor), the principal point in pixels, and `k1, k2, p1, p2, k3`. The rotation turns the
+//! model about the origin of its frame.
 
-use nalgebra::{DVector, Matrix2x5, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2x5, Rotation3, Vector2, Vector3};
 use texreg_camera::{Camera, Projection, View};
-use texreg_lie::{Pose, so3};
-use texreg_optim::Manifold;
+use texreg_lie::{Chart, Pose};
+use texreg_optim::{Derivatives, Manifold};
 
 /// Which parts of the camera are refined with the pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,10 +20,10 @@ pub struct Refine {
     pub distortion: bool,
 }
 
-/// The components of the pose in a step.
+/// The components of the pose in the tangent space.
 pub(crate) const POSE: usize = 6;
 
-/// The most components a step can have.
+/// The most components the tangent space can have.
 pub(crate) const MOST: usize = POSE + 8;
 
 impl Refine {
@@ -51,7 +52,7 @@ impl Refine {
         focal.into_iter().chain(rest).collect()
     }
 
-    /// The number of components of a step.
+    /// The number of components of the tangent space.
     pub(crate) fn dimension(self) -> usize {
         POSE + usize::from(self.focal) + 2 * usize::from(self.principal) + 5 * usize::from(self.distortion)
     }
@@ -87,32 +88,54 @@ impl Refine {
     }
 }
 
-impl Manifold<View> for Refine {
+/// The space of views: a rotation chart, a translation, and the parts of the camera that are refined.
+///
+/// Objectives know the tangent space alone, whose first three components are the rotation vector ω of `exp(ω) R`;
+/// [`pull_back`](Self::pull_back) takes their derivatives to the chart.
+pub(crate) struct ViewSpace<'a> {
+    pub(crate) rotation: &'a (dyn Chart<Rotation3<f64>> + Sync),
+    pub(crate) refine: Refine,
+}
+
+impl ViewSpace<'_> {
+    /// Derivatives by the tangent space to derivatives by a step of the chart.
+    pub(crate) fn pull_back(&self, at: &View, tangent: Derivatives) -> Derivatives {
+        let turn = self.rotation.derivative(&at.pose.rotation);
+        let rest = tangent.gradient.len() - 3;
+        let mut chain = DMatrix::zeros(3 + rest, turn.ncols() + rest);
+        chain.view_mut((0, 0), turn.shape()).copy_from(&turn);
+        chain.view_mut((3, turn.ncols()), (rest, rest)).fill_with_identity();
+        Derivatives {
+            gradient: chain.tr_mul(&tangent.gradient),
+            curvature: chain.tr_mul(&(tangent.curvature * &chain)),
+        }
+    }
+}
+
+impl Manifold<View> for ViewSpace<'_> {
     fn dimension(&self) -> usize {
-        (*self).dimension()
+        self.rotation.dimension() + self.refine.dimension() - 3
     }
 
     fn retract(&self, at: &View, step: &DVector<f64>) -> Option<View> {
-        let rotation = step.fixed_rows::<3>(0).into_owned();
-        if rotation.norm() >= std::f64::consts::PI {
-            return None;
-        }
-        let pose = Pose::new(so3::exp(&rotation) * at.pose.rotation, at.pose.translation + step.fixed_rows::<3>(3));
+        let (turn, rest) = step.as_slice().split_at(self.rotation.dimension());
+        let (shift, rest) = rest.split_at(3);
+        let rotation = self.rotation.retract(&at.pose.rotation, turn)?;
+        let pose = Pose::new(rotation, at.pose.translation + Vector3::from_column_slice(shift));
         let mut camera = at.camera;
-        let mut rest = step.iter().skip(POSE);
+        let mut rest = rest.iter();
         let mut next = || *rest.next().expect("a step has as many components as the manifold has dimensions");
-        if self.focal {
+        if self.refine.focal {
             let factor = next().exp();
             camera.intrinsics.fx *= factor;
             camera.intrinsics.fy *= factor;
         }
-        if self.principal {
+        if self.refine.principal {
             camera.intrinsics.cx += next();
             camera.intrinsics.cy += next();
         }
-        if self.distortion {
-            let coefficients = camera.distortion.to_array().map(|c| c + next());
-            camera.distortion = coefficients.into();
+        if self.refine.distortion {
+            camera.distortion = camera.distortion.to_array().map(|c| c + next()).into();
         }
         Some(View { camera, pose })
     }

@@ -55,13 +55,13 @@ impl Level {
         if !inside {
             return None;
         }
-        let (column, row) = (x.floor(), y.floor());
-        let (wx, dx) = weights((x - column) as f32);
-        let (wy, dy) = weights((y - row) as f32);
+        // Both are at least -0.5: after adding the margin, truncation is the floor.
+        let (x, y) = (x + MARGIN as f64, y + MARGIN as f64);
+        let (column, row) = (x as usize, y as usize);
+        let (wx, dx) = weights((x - column as f64) as f32);
+        let (wy, dy) = weights((y - row as f64) as f32);
         let stride = self.width + 2 * MARGIN;
-        // The window starts one pixel before the floor, which is at least -1: the margin makes both indices non-negative.
-        let first =
-            (row as isize + MARGIN as isize - 1) as usize * stride + (column as isize + MARGIN as isize - 1) as usize;
+        let first = (row - 1) * stride + column - 1;
         let mut out = [0.0; 3];
         for j in 0..4 {
             let line = &self.padded[first + j * stride..][..4];

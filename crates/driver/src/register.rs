@@ -2,310 +2,267 @@
 //! the one that maximizes the metric.
 //!
 //! 1. A search over small renderings finds views that might lie in the right basin.
-//! 2. Each climbs on the coarsest level of the photo; the best climb on the next, and the one that explains the whole
-//!    picture best goes on.
-//! 3. It climbs through the finer levels to the full photo. Only there are focal length and distortion let go.
+//! 2. Each climbs on the coarsest level of the photo; the best climb on the second, and the best of these goes on.
+//! 3. It climbs through the finer levels to the full photo. Only on the last two are parts of the camera let go.
 //!
-//! To climb is to render, to take samples, and to maximize the metric over them by Levenberg–Marquardt, until a new rendering
-//! changes nothing.
+//! To climb is to render, to take samples, and to maximize the metric over them, until a new rendering changes nothing. Views are
+//! compared by the metric over the model and a band of background in a fixed proportion to it.
 
+use crate::model::Model;
 use crate::objective::{PhotoObjective, Prior};
-use crate::overview::{Overview, Workspace};
+use crate::outcome::{Event, Outcome, Stage};
+use crate::overview::{Evidence, Overview, Workspace};
+use crate::parameters::ViewSpace;
 use crate::pyramid::{Level, pyramid, spread};
-use crate::samples::{Sampler, Sampling};
+use crate::samples::{Sampler, Sampling, SurfaceSamples};
 use crate::search::Search;
-use crate::signal::{Both, Normals, Ranked, Signal};
-use crate::{Error, Options, Photo, Refine, SignalName};
-use nalgebra::Point3;
+use crate::verdict::{Findings, verdict};
+use crate::{Error, Options, Photo, Refine, SolverName};
 use rayon::prelude::*;
 use std::time::Instant;
 use texreg_camera::View;
 use texreg_mi::Parzen;
-use texreg_optim::{LevenbergMarquardt, Solver};
-use texreg_surface::Mesh;
+use texreg_optim::{LevenbergMarquardt, Objective, Solver};
 
-/// The verdict on a registration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
-    /// The view explains the photo.
-    Registered,
-    /// There are reasons for doubt.
-    Uncertain,
-    /// No view better than the start was found; the start is handed back.
-    Failed,
-}
-
-/// What one stage of a registration did.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Stage {
-    /// What the stage did, and at which size of the photo: `search 1/8`, `climb 1/2`.
-    pub name: String,
-    /// How often the metric was evaluated.
-    pub evaluations: usize,
-    /// How often the model was rendered.
-    pub renderings: usize,
-    /// The metric before and after, over the stage's own samples.
-    pub similarity: (f64, f64),
-    /// Wall-clock time.
-    pub milliseconds: f64,
-}
-
-/// The result of a registration.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
-    /// The camera that was found; its pose takes the world to the camera frame.
-    pub view: View,
-    /// The verdict.
-    pub status: Status,
-    /// The verdict's reasons, in words.
-    pub reasons: Vec<String>,
-    /// The metric between the whole photo and the model in front of a background, at the start and at the end.
-    pub similarity: (f64, f64),
-    /// The stages, in order.
-    pub stages: Vec<Stage>,
-}
-
-impl Outcome {
-    /// How often the metric was evaluated.
-    #[must_use]
-    pub fn evaluations(&self) -> usize {
-        self.stages.iter().map(|stage| stage.evaluations).sum()
-    }
-}
-
-/// What a registration tells while it runs.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Event {
-    /// Stages done.
-    pub done: usize,
-    /// All stages.
-    pub of: usize,
-    /// The best view so far.
-    pub view: View,
-}
-
-/// Registers one photo, starting from a rough view.
+/// Registers one photo, starting from a rough view of the world.
 ///
 /// # Errors
-/// If the model cannot be seen from the start, or does not carry the signal asked for.
+/// If the model cannot be seen from the start.
 pub fn register(
-    mesh: &Mesh,
+    model: &Model,
     photo: &Photo,
     start: &View,
     options: &Options,
     observer: &mut dyn FnMut(&Event),
 ) -> Result<Outcome, Error> {
-    Registration::new(mesh, photo, options)?.run(start, observer)
+    Registration::new(model, photo, options).run(start, observer)
 }
 
-/// A photo and a model made ready, for one registration or many.
+/// A photo made ready for a model: for registrations from several starts.
 pub struct Registration<'a> {
-    mesh: &'a Mesh,
-    signal: Box<dyn Signal + 'a>,
-    /// Full size first.
-    levels: Vec<Level>,
-    options: Options,
+    model: &'a Model<'a>,
+    options: &'a Options,
     density: Parzen,
-    /// A few points of the model, to measure how far apart two views are.
-    probes: Vec<Point3<f64>>,
+    /// The photo, full size first.
+    levels: Vec<Level>,
+    overview: Overview,
 }
 
 /// Bins of the photo's values.
 const PHOTO_BINS: usize = 32;
 
+/// The share of a photo's values at each end of their range that is not told apart.
+const TAIL: f64 = 0.005;
+
 /// The longer side of the coarsest level is below twice this many pixels.
 const COARSEST: usize = 150;
 
-/// Views that climb on the coarsest level.
+/// Views that climb on the coarsest level, and of these on the second.
 const HYPOTHESES: usize = 8;
+const FINALISTS: usize = 3;
 
-/// Views that climb on the second level.
-const FINALISTS: usize = 2;
+/// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
+const APART: f64 = 2.0;
+
+/// The renewed rendering of a view that moved by less than this many pixels of a level shows nothing new.
+const SETTLED: f64 = 0.05;
+
+/// Background samples reach this many pixels of a level beyond the silhouette, and are half as many as the model's.
+const BAND: f32 = 12.0;
+
+/// What the camera's prior weighs against a photo: a thousand of its samples are independent.
+const PRIOR: f64 = 1e-3;
+
+/// How much work a level is worth.
+#[derive(Clone, Copy)]
+struct Effort {
+    samples: usize,
+    renderings: usize,
+    iterations: usize,
+    /// The gain, in nats, below which climbing stops.
+    gain: f64,
+}
+
+/// From the coarsest level to the finest; the last holds for all that follow.
+const EFFORTS: [Effort; 3] = [
+    Effort { samples: 3_000, renderings: 2, iterations: 10, gain: 1e-4 },
+    Effort { samples: 8_000, renderings: 3, iterations: 10, gain: 1e-4 },
+    Effort { samples: 20_000, renderings: 4, iterations: 15, gain: 1e-5 },
+];
+
+/// A view that climbed, and how.
+struct Climb {
+    view: View,
+    similarity: (f64, f64),
+    evaluations: usize,
+    renderings: usize,
+}
 
 impl<'a> Registration<'a> {
-    /// Makes a photo and a model ready.
-    ///
-    /// # Errors
-    /// If the model does not carry the signal asked for.
-    pub fn new(mesh: &'a Mesh, photo: &Photo, options: &Options) -> Result<Self, Error> {
+    /// Makes a photo ready.
+    pub fn new(model: &'a Model, photo: &Photo, options: &'a Options) -> Self {
         let mut values = photo.luma.clone();
-        spread(&mut values, 0.005);
+        spread(&mut values, TAIL);
         let levels = pyramid(photo.width as usize, photo.height as usize, &values, COARSEST);
-        let signal = signal(mesh, &options.signal)?;
-        let density = Parzen { model_bins: signal.bins() + 1, photo_bins: PHOTO_BINS };
-        let probes = mesh.positions.iter().step_by(mesh.positions.len() / 200 + 1);
-        let probes = probes.map(|p| p.map(f64::from).into()).collect();
-        Ok(Self { mesh, signal, levels, options: options.clone(), density, probes })
+        let overview = Overview::new(photo, 1 << (levels.len() - 1));
+        let density = Parzen { model_bins: model.signal.bins() + 1, photo_bins: PHOTO_BINS };
+        Self { model, options, density, levels, overview }
     }
 
-    /// Registers the photo from a rough view.
+    /// Registers the photo from a rough view of the world, telling `observer` of each stage.
     ///
     /// # Errors
     /// If the model cannot be seen from the start.
     pub fn run(&self, start: &View, observer: &mut dyn FnMut(&Event)) -> Result<Outcome, Error> {
-        // Inside, poses are relative to the model's origin: its coordinates are small and it turns about its middle.
-        let origin = self.mesh.origin;
-        let outward = |mut view: View| {
-            view.pose.translation -= view.pose.rotation * origin;
-            view
-        };
-        let mut first = *start;
-        first.pose.translation += first.pose.rotation * origin;
-
+        let start = self.model.inward(start);
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
-        let mut stages: Vec<Stage> = Vec::new();
+        let (start_similarity, _) = self.similarity(&start).ok_or(Error::NothingVisible)?;
+        let mut stages = Vec::new();
         let mut tell = |stage: Stage, view: &View| {
             stages.push(stage);
-            observer(&Event { done: stages.len(), of: self.levels.len() + 1, view: outward(*view) });
+            observer(&Event { done: stages.len(), of: self.levels.len() + 1, view: self.model.outward(view) });
         };
 
-        let judge = self.overview(second);
-        let score = |view: &View| judge.score(&mut Workspace::default(), view);
-        let start_score = score(&first).ok_or(Error::NothingVisible)?;
-
-        let started = Instant::now();
-        let found = self.search(coarsest).around(&first, self.mesh.diagonal(), &self.overview(coarsest));
-        let hypotheses = self.apart(&first, &found);
+        let began = Instant::now();
+        let (mut views, renderings, evidence) = self.hypotheses(&start);
         let name = format!("search 1/{}", 1 << coarsest);
-        let before = found.iter().find(|(_, view)| *view == first).map_or(0.0, |(score, _)| *score);
-        tell(Stage::new(name, started, found.len(), found.len(), (before, found[0].0)), &first);
+        tell(stage(name, began, renderings, renderings, evidence), &start);
 
-        let started = Instant::now();
-        let climbed = self.climb_all(coarsest, hypotheses, &first);
-        let mut ranked: Vec<(f64, View, Stage)> =
-            climbed.into_par_iter().filter_map(|(view, stage)| Some((score(&view)?, view, stage))).collect();
-        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let (evaluations, renderings) =
-            ranked.iter().fold((0, 0), |(e, r), (_, _, s)| (e + s.evaluations, r + s.renderings));
-        let Some((_, mut view, best)) = ranked.first().cloned() else { return Err(Error::NothingVisible) };
-        tell(Stage::new(best.name, started, evaluations, renderings, best.similarity), &view);
-
-        if second < coarsest {
-            let started = Instant::now();
-            let finalists = ranked.into_iter().take(FINALISTS).map(|(_, view, _)| view).collect();
-            let climbed = self.climb_all(second, finalists, &first);
-            let mut ranked: Vec<(f64, View, Stage)> =
-                climbed.into_iter().filter_map(|(view, stage)| Some((score(&view)?, view, stage))).collect();
-            ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let (evaluations, renderings) =
-                ranked.iter().fold((0, 0), |(e, r), (_, _, s)| (e + s.evaluations, r + s.renderings));
-            let Some((_, best_view, best)) = ranked.into_iter().next() else { return Err(Error::NothingVisible) };
-            view = best_view;
-            tell(Stage::new(best.name, started, evaluations, renderings, best.similarity), &view);
+        let mut rival = 0.0;
+        let mut across_levels = (0.0, 0.0);
+        for (index, keep) in [(coarsest, FINALISTS), (second, 1)] {
+            let began = Instant::now();
+            let climb = |view: View| self.climb(index, &view, &start);
+            let mut climbs: Vec<Climb> = views.into_par_iter().filter_map(climb).collect();
+            climbs.sort_by(|a, b| b.similarity.1.total_cmp(&a.similarity.1));
+            let best = climbs.first().ok_or(Error::NothingVisible)?;
+            let evaluations = climbs.iter().map(|climb| climb.evaluations).sum();
+            let renderings = climbs.iter().map(|climb| climb.renderings).sum();
+            tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view);
+            if index == coarsest {
+                across_levels.0 = best.similarity.1;
+            }
+            let elsewhere =
+                |climb: &&Climb| self.model.distance(&climb.view, &best.view) * self.levels[index].scale > APART;
+            rival = climbs.iter().find(elsewhere).map_or(0.0, |climb| climb.similarity.1 / best.similarity.1);
+            views = climbs.into_iter().take(keep).map(|climb| climb.view).collect();
         }
 
+        let mut view = views[0];
         for index in (0..second).rev() {
-            let started = Instant::now();
-            let (climbed, stage) = self.climb(index, &view, &first)?;
-            view = climbed;
-            tell(Stage { milliseconds: milliseconds(started), ..stage }, &view);
+            let began = Instant::now();
+            let climb = self.climb(index, &view, &start).ok_or(Error::NothingVisible)?;
+            view = climb.view;
+            tell(stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity), &view);
         }
 
-        let end_score = score(&view).unwrap_or(0.0);
-        let (view, status, reasons) = if end_score > start_score {
-            (view, Status::Registered, Vec::new())
-        } else {
-            (first, Status::Failed, vec!["no view explains the photo better than the start".to_string()])
+        let (similarity, covered) = self.similarity(&view).unwrap_or_default();
+        across_levels.1 = similarity;
+        let moved = self.model.distance(&start, &view);
+        let findings = Findings { similarity: (start_similarity, similarity), moved, across_levels, rival, covered };
+        let (status, reasons) = verdict(&findings);
+        let (view, similarity) =
+            if similarity > start_similarity { (view, similarity) } else { (start, start_similarity) };
+        let similarity = (start_similarity, similarity);
+        Ok(Outcome { view: self.model.outward(&view), status, reasons, similarity, stages })
+    }
+
+    /// The start and other views that might lie in the right basin; how many were looked at, and the evidence for the start
+    /// and for the best.
+    fn hypotheses(&self, start: &View) -> (Vec<View>, usize, (f64, f64)) {
+        let evidence = |workspace: &mut Workspace, view: &View| {
+            self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
         };
-        Ok(Outcome {
-            view: outward(view),
-            status,
-            reasons,
-            similarity: (start_score, end_score.max(start_score)),
-            stages,
-        })
-    }
-
-    fn overview(&self, index: usize) -> Overview<'_> {
-        Overview::new(self.mesh, &*self.signal, &self.levels[index], &self.density, self.options.metric.metric())
-    }
-
-    fn search(&self, _index: usize) -> Search {
-        Search { rounds: 5, views: 64, elite: 12, deviation: 0.08, seed: self.options.seed }
-    }
-
-    /// The start and the best views that differ visibly from it and from each other.
-    fn apart(&self, start: &View, found: &[(f64, View)]) -> Vec<View> {
-        let coarsest = self.levels.last().map_or(1.0, |level| level.scale);
-        let mut kept = vec![*start];
-        for (_, view) in found {
-            if kept.len() == HYPOTHESES {
-                break;
-            }
-            if kept.iter().all(|other| self.distance(other, view) * coarsest > 2.0) {
-                kept.push(*view);
+        let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, |evidence| evidence.near];
+        let search = Search { seed: self.options.seed, ..Search::default() };
+        let scale = self.levels.last().map_or(1.0, |level| level.scale);
+        let mut views = vec![*start];
+        let mut looked = 0;
+        let mut best = 0.0;
+        for (k, criterion) in criteria.into_iter().enumerate() {
+            let score = |workspace: &mut Workspace, view: &View| evidence(workspace, view).map(criterion);
+            let found = search.around(start, self.model.mesh.diagonal(), score);
+            looked += found.len();
+            best = found.first().map_or(best, |(score, _)| *score);
+            for (_, view) in found {
+                if views.len() == HYPOTHESES * (k + 1) / criteria.len() {
+                    break;
+                }
+                if views.iter().all(|other| self.model.distance(other, &view) * scale > APART) {
+                    views.push(view);
+                }
             }
         }
-        kept
+        let before = evidence(&mut Workspace::default(), start).map_or(0.0, |evidence| evidence.near);
+        (views, looked, (before, best))
     }
 
-    /// The mean distance between the pictures of the model's points in two views, in pixels of the photo.
-    fn distance(&self, a: &View, b: &View) -> f64 {
-        let distances: Vec<f64> =
-            self.probes.iter().filter_map(|p| Some((a.project(p)? - b.project(p)?).norm())).collect();
-        if distances.is_empty() { f64::INFINITY } else { distances.iter().sum::<f64>() / distances.len() as f64 }
+    /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
+    /// does.
+    fn similarity(&self, view: &View) -> Option<(f64, f64)> {
+        let samples = EFFORTS[EFFORTS.len() - 1].samples;
+        let sampling = Sampling { surface: samples, halo: samples / 2, band: BAND };
+        let samples = Sampler::new(self.model.mesh, &*self.model.signal).sample(view, &self.levels[0], &sampling)?;
+        let space = self.space(Refine::default());
+        let value = self.objective(0, &samples, &space, view).value(view)?;
+        Some((value, samples.covered as f64))
     }
 
-    /// Climbs from several views; those that lose the model are dropped.
-    fn climb_all(&self, index: usize, views: Vec<View>, start: &View) -> Vec<(View, Stage)> {
-        views.into_par_iter().filter_map(|view| self.climb(index, &view, start).ok()).collect()
-    }
-
-    /// Climbs at one level of the photo. `start` brings the expected camera.
-    fn climb(&self, index: usize, from: &View, start: &View) -> Result<(View, Stage), Error> {
-        let started = Instant::now();
+    /// Climbs at one level; `None` where the view shows nothing of the model. `start` brings the expected camera.
+    fn climb(&self, index: usize, from: &View, start: &View) -> Option<Climb> {
         let level = &self.levels[index];
-        let sampling = Sampling { surface: 20_000, halo: 10_000, band: 12.0 };
-        let refine = if index <= 1 { self.options.refine } else { Refine::default() };
-        let prior = Prior { camera: start.camera, weight: 1e-3 };
-        let solver = LevenbergMarquardt { iterations: 20, damping: 1e-2, gain_tolerance: 1e-5 };
-        let mut sampler = Sampler::new(self.mesh, &*self.signal);
-        let mut view = *from;
-        let (mut evaluations, mut renderings) = (0, 0);
-        let mut similarity: Option<(f64, f64)> = None;
-        for _ in 0..4 {
-            let samples = sampler.sample(&view, level, &sampling);
-            renderings += 1;
-            if samples.points.is_empty() {
-                return Err(Error::NothingVisible);
+        let coarseness = self.levels.len() - 1 - index;
+        let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
+        let mesh = if coarseness < 2 { &self.model.coarse } else { self.model.mesh };
+        let sampling = Sampling { surface: effort.samples, halo: effort.samples / 2, band: BAND };
+        let space = self.space(if index < 2 { self.options.refine } else { Refine::default() });
+        let solver = match self.options.solver {
+            SolverName::LevenbergMarquardt => {
+                LevenbergMarquardt { iterations: effort.iterations, damping: 1e-2, gain_tolerance: effort.gain }
             }
-            let metric = self.options.metric.metric();
-            let mut objective = PhotoObjective::new(&samples, level, &self.density, metric, refine, prior);
-            let report = solver.maximize(&refine, &mut objective, view, &mut |_| ());
-            evaluations += objective.evaluations;
-            let Some(report) = report else { break };
-            let moved = self.distance(&view, &report.point) * level.scale;
-            view = report.point;
-            similarity = Some((similarity.map_or(report.start, |s| s.0), report.value));
-            if moved < 0.05 {
+        };
+        let mut sampler = Sampler::new(mesh, &*self.model.signal);
+        let mut climb = Climb { view: *from, similarity: (0.0, 0.0), evaluations: 0, renderings: 0 };
+        for rendering in 0..effort.renderings {
+            let samples = sampler.sample(&climb.view, level, &sampling)?;
+            let mut objective = self.objective(index, &samples, &space, start);
+            let report = solver.maximize(&space, &mut objective, climb.view, &mut |_| ())?;
+            climb.evaluations += objective.evaluations;
+            climb.renderings += 1;
+            if rendering == 0 {
+                climb.similarity.0 = report.start;
+            }
+            climb.similarity.1 = report.value;
+            let moved = self.model.distance(&climb.view, &report.point) * level.scale;
+            climb.view = report.point;
+            if moved < SETTLED {
                 break;
             }
         }
-        let name = format!("climb 1/{}", 1 << index);
-        Ok((view, Stage::new(name, started, evaluations, renderings, similarity.unwrap_or_default())))
+        Some(climb)
+    }
+
+    fn space(&self, refine: Refine) -> ViewSpace<'_> {
+        ViewSpace { rotation: self.options.rotation.chart(), refine }
+    }
+
+    fn objective<'b>(
+        &'b self,
+        index: usize,
+        samples: &'b SurfaceSamples,
+        space: &'b ViewSpace<'b>,
+        expected: &View,
+    ) -> PhotoObjective<'b> {
+        let prior = Prior { camera: expected.camera, weight: PRIOR };
+        PhotoObjective::new(samples, &self.levels[index], &self.density, self.options.metric.metric(), space, prior)
     }
 }
 
-impl Stage {
-    fn new(name: String, started: Instant, evaluations: usize, renderings: usize, similarity: (f64, f64)) -> Self {
-        Self { name, evaluations, renderings, similarity, milliseconds: milliseconds(started) }
-    }
+fn climb_name(index: usize) -> String {
+    format!("climb 1/{}", 1 << index)
 }
 
-fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
-}
-
-/// The signal of these names for a model; the model decides where there is no name.
-fn signal<'a>(mesh: &'a Mesh, names: &[SignalName]) -> Result<Box<dyn Signal + 'a>, Error> {
-    let has = |name| names.contains(&name);
-    Ok(match (has(SignalName::Normals), has(SignalName::Reflectance), mesh.reflectance.as_deref()) {
-        (_, true, None) => return Err(Error::NoReflectance),
-        (false, true, Some(reflectance)) => Box::new(Ranked::new(reflectance, 16)),
-        (true, true, Some(reflectance)) | (false, false, Some(reflectance)) => {
-            Box::new(Both(Ranked::new(reflectance, 5), Normals { steps: 4 }))
-        }
-        (_, false, _) => Box::new(Normals { steps: 5 }),
-    })
+fn stage(name: String, began: Instant, evaluations: usize, renderings: usize, similarity: (f64, f64)) -> Stage {
+    Stage { name, evaluations, renderings, similarity, milliseconds: began.elapsed().as_secs_f64() * 1e3 }
 }

@@ -9,12 +9,14 @@ use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, Triangles, o
 use texreg_surface::Mesh;
 
 /// Surface points with fixed bins.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct SurfaceSamples {
     /// The points in the model's frame, relative to its origin.
     pub(crate) points: Vec<Point3<f64>>,
     /// The bin of each: the signal's, or one more for the background.
     pub(crate) bins: Vec<u16>,
+    /// Pixels of the level that show the model.
+    pub(crate) covered: usize,
 }
 
 /// How a view is sampled.
@@ -41,19 +43,19 @@ impl<'a> Sampler<'a> {
         Self { mesh, signal, renderer: Renderer::new(), picture: GBuffer::default() }
     }
 
-    /// Samples what a view, whose pose is relative to the model's origin, sees at a level's resolution. Empty where it sees
-    /// nothing of the model.
+    /// Samples what a view, whose pose is relative to the model's origin, sees at a level's resolution. `None` where it
+    /// sees nothing of the model.
     ///
     /// Halo samples are points of the background beside the silhouette, put at the depth of the nearest outline point: they
     /// move rigidly with the object and share one bin, so that they hold its occluding contour.
-    pub(crate) fn sample(&mut self, view: &View, level: &Level, sampling: &Sampling) -> SurfaceSamples {
+    pub(crate) fn sample(&mut self, view: &View, level: &Level, sampling: &Sampling) -> Option<SurfaceSamples> {
         let camera = level.camera(&view.camera);
         let mesh = Triangles { positions: &self.mesh.positions, indices: &self.mesh.triangles };
         self.renderer.render(&mesh, &camera, &view.pose, &Options::default(), &mut self.picture);
         let picture = &self.picture;
         let covered = picture.covered();
         if covered == 0 {
-            return SurfaceSamples::default();
+            return None;
         }
         let width = picture.width as usize;
         let share = sampling.surface as f32 / covered as f32;
@@ -88,7 +90,7 @@ impl<'a> Sampler<'a> {
         let halo = self.halo(view, &camera, sampling);
         bins.resize(bins.len() + halo.len(), self.signal.bins() as u16);
         points.extend(halo);
-        SurfaceSamples { points, bins }
+        Some(SurfaceSamples { points, bins, covered })
     }
 
     fn halo(&self, view: &View, camera: &Camera, sampling: &Sampling) -> Vec<Point3<f64>> {
@@ -114,6 +116,6 @@ impl<'a> Sampler<'a> {
 
 /// A threshold in `0..1` for each pixel, spread evenly over any neighbourhood: J. Jimenez, *Next generation post processing
 /// in Call of Duty: Advanced Warfare*, SIGGRAPH 2014 (interleaved gradient noise).
-fn dither(x: usize, y: usize) -> f32 {
+pub(crate) fn dither(x: usize, y: usize) -> f32 {
     (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract()
 }

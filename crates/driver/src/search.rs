@@ -4,7 +4,7 @@
 //! Views are drawn from a normal distribution over the tangent space of the start's pose; the best of each round give
 //! mean and covariance for the next.
 
-use crate::overview::{Overview, Workspace};
+use crate::overview::Workspace;
 use nalgebra::{Cholesky, Matrix6, Vector3, Vector6};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use rayon::prelude::*;
@@ -26,10 +26,24 @@ pub(crate) struct Search {
     pub(crate) seed: u64,
 }
 
+/// What a view's squared distance from the start costs, in standard deviations and nats: far views must be that much better.
+const DOUBT: f64 = 0.003;
+
+impl Default for Search {
+    fn default() -> Self {
+        Self { rounds: 5, views: 40, elite: 10, deviation: 0.08, seed: 0 }
+    }
+}
+
 impl Search {
-    /// The views that were looked at and what they scored, the best first. Views are relative to the model's origin, about
-    /// which they turn; `diagonal` is the model's.
-    pub(crate) fn around(&self, start: &View, diagonal: f64, overview: &Overview) -> Vec<(f64, View)> {
+    /// The views that were looked at and what they scored, less a doubt that grows with the distance from the start, the best
+    /// first. Views are of the model's frame, about whose origin they turn; `diagonal` is the model's.
+    pub(crate) fn around(
+        &self,
+        start: &View,
+        diagonal: f64,
+        score: impl Fn(&mut Workspace, &View) -> Option<f64> + Sync,
+    ) -> Vec<(f64, View)> {
         let mut random = StdRng::seed_from_u64(self.seed);
         let mut mean = Vector6::zeros();
         let mut covariance = Matrix6::identity() * self.deviation.powi(2);
@@ -43,7 +57,8 @@ impl Search {
                 .into_par_iter()
                 .map_init(Workspace::default, |workspace, step| {
                     let view = moved(start, &step, diagonal);
-                    Some((overview.score(workspace, &view)?, step, view))
+                    let doubt = DOUBT * step.norm_squared() / self.deviation.powi(2);
+                    Some((score(workspace, &view)? - doubt, step, view))
                 })
                 .flatten()
                 .collect();

@@ -59,30 +59,35 @@ impl Signal for Normals {
 
 /// A vertex attribute, in bins that hold the same number of vertices each.
 #[derive(Clone, Debug)]
-pub struct Ranked<'a> {
-    values: &'a [f32],
+pub struct Ranked {
+    attribute: fn(&Mesh) -> Option<&[f32]>,
     /// The upper bounds of all bins but the last, rising.
     bounds: Vec<f32>,
 }
 
-impl<'a> Ranked<'a> {
-    /// One value a vertex, and the number of bins (fewer where many vertices share a value).
-    pub fn new(values: &'a [f32], bins: usize) -> Self {
+impl Ranked {
+    /// The scanner's reflectance in so many bins (fewer where many vertices share a value); `None` if the model has none.
+    pub fn reflectance(mesh: &Mesh, bins: usize) -> Option<Self> {
+        Self::new(mesh, |mesh| mesh.reflectance.as_deref(), bins)
+    }
+
+    fn new(mesh: &Mesh, attribute: fn(&Mesh) -> Option<&[f32]>, bins: usize) -> Option<Self> {
+        let values = attribute(mesh)?;
         let mut sorted: Vec<f32> = values.iter().step_by(values.len() / 50_000 + 1).copied().collect();
         sorted.sort_unstable_by(f32::total_cmp);
         let mut bounds: Vec<f32> = (1..bins).map(|k| sorted[k * sorted.len() / bins]).collect();
         bounds.dedup();
-        Self { values, bounds }
+        Some(Self { attribute, bounds })
     }
 }
 
-impl Signal for Ranked<'_> {
+impl Signal for Ranked {
     fn bins(&self) -> usize {
         self.bounds.len() + 1
     }
 
     fn bin(&self, point: &Surfel) -> usize {
-        let value = point.scalar(self.values);
+        let value = (self.attribute)(point.mesh).map_or(0.0, |values| point.scalar(values));
         self.bounds.partition_point(|&bound| bound <= value)
     }
 }

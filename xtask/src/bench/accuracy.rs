@@ -10,9 +10,8 @@ use rand::{Rng, SeedableRng, rngs::StdRng};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use texreg::camera::View;
-use texreg::driver::{Options, Photo, Refine, Registration, Truth, read_cameras, read_pairs, read_truth, score};
+use texreg::driver::{Model, Options, Photo, Refine, Registration, Truth, read_cameras, read_pairs, read_truth, score};
 use texreg::lie::Pose;
-use texreg::posit::Correspondence;
 use texreg::surface::Mesh;
 
 /// One registration and how it went.
@@ -73,11 +72,13 @@ fn run_case(folder: &Path, seeds: u64) -> Result<Vec<Run>> {
     let pairs = folder.join("correspondences.json");
     let pairs = if pairs.exists() { read_pairs(&pairs)? } else { Vec::new() };
     let mut runs = Vec::new();
+    let model = Model::new(&mesh, &[])?;
+    let options = Options::default();
+    let refining = Options { refine: Refine { focal: true, ..Refine::default() }, ..Options::default() };
     for (index, true_photo) in truth.photos.iter().enumerate() {
         let photo = Photo::load(folder.join(&true_photo.file))?;
-        let refine = Refine { focal: true, ..Refine::default() };
-        let fixed = Registration::new(&mesh, &photo, &Options::default())?;
-        let refining = Registration::new(&mesh, &photo, &Options { refine, ..Options::default() })?;
+        let fixed = Registration::new(&model, &photo, &options);
+        let refining = Registration::new(&model, &photo, &refining);
         let mut record = |kind: &str, registration: &Registration, start: View| {
             runs.push(register(kind, registration, &truth, index, &start));
         };
@@ -88,8 +89,7 @@ fn run_case(folder: &Path, seeds: u64) -> Result<Vec<Run>> {
         }
         if let Some(entry) = pairs.iter().find(|entry| entry.file == true_photo.file) {
             let camera = true_photo.view.camera;
-            let points: Vec<Correspondence> = entry.points.clone();
-            if let Ok(solution) = texreg::posit::pose(&points, &camera, &Default::default()) {
+            if let Ok(solution) = texreg::posit::pose(&entry.points, &camera, &Default::default()) {
                 record("pairs", &fixed, solution.view);
             }
         }

@@ -1,0 +1,74 @@
+//! A model made ready for registration.
+
+use crate::signal::{Both, Normals, Ranked, Signal};
+use crate::{Error, SignalName};
+use nalgebra::{Point3, Vector3};
+use texreg_camera::View;
+use texreg_surface::Mesh;
+
+/// A mesh, what it predicts, and a coarse copy of it for small pictures: made once, for any number of photos.
+pub struct Model<'a> {
+    pub(crate) mesh: &'a Mesh,
+    pub(crate) coarse: Mesh,
+    pub(crate) signal: Box<dyn Signal>,
+    /// A few vertices, to measure how far apart two views are.
+    probes: Vec<Point3<f64>>,
+}
+
+/// Triangles of the coarse copy: enough for pictures of 300 pixels.
+const COARSE: usize = 20_000;
+
+impl<'a> Model<'a> {
+    /// Makes a mesh ready. Several signals make a joint one; with none, the model predicts all it can.
+    ///
+    /// # Errors
+    /// If the mesh does not carry a signal that is asked for.
+    pub fn new(mesh: &'a Mesh, signals: &[SignalName]) -> Result<Self, Error> {
+        let signal = signal(mesh, signals)?;
+        let probes = mesh.positions.iter().step_by(mesh.positions.len() / 200 + 1);
+        Ok(Self {
+            mesh,
+            coarse: mesh.simplified(COARSE),
+            signal,
+            probes: probes.map(|p| p.map(f64::from).into()).collect(),
+        })
+    }
+
+    /// A view of the world as one of the model's own frame, whose origin is near its middle: coordinates are small there, and
+    /// the model turns about itself.
+    pub(crate) fn inward(&self, view: &View) -> View {
+        self.shifted(view, self.mesh.origin)
+    }
+
+    /// The inverse of [`inward`](Self::inward).
+    pub(crate) fn outward(&self, view: &View) -> View {
+        self.shifted(view, -self.mesh.origin)
+    }
+
+    fn shifted(&self, view: &View, by: Vector3<f64>) -> View {
+        let mut view = *view;
+        view.pose.translation += view.pose.rotation * by;
+        view
+    }
+
+    /// The mean distance between the pictures of the model's points in two views of its frame, in pixels of the photo;
+    /// infinite where they have no point in common.
+    pub(crate) fn distance(&self, a: &View, b: &View) -> f64 {
+        let distances = self.probes.iter().filter_map(|p| Some((a.project(p)? - b.project(p)?).norm()));
+        let (count, sum) = distances.fold((0, 0.0), |(count, sum), d| (count + 1, sum + d));
+        if count == 0 { f64::INFINITY } else { sum / f64::from(count) }
+    }
+}
+
+/// The joint signal of these names.
+fn signal(mesh: &Mesh, names: &[SignalName]) -> Result<Box<dyn Signal>, Error> {
+    let has = |name| names.contains(&name);
+    let joint = Ranked::reflectance(mesh, 5).map(|reflectance| Both(reflectance, Normals { steps: 4 }));
+    let alone = Ranked::reflectance(mesh, 16);
+    Ok(match (has(SignalName::Normals), has(SignalName::Reflectance), joint, alone) {
+        (true, true, Some(joint), _) | (false, false, Some(joint), _) => Box::new(joint),
+        (false, true, _, Some(alone)) => Box::new(alone),
+        (_, true, _, _) => return Err(Error::NoReflectance),
+        (_, false, _, _) => Box::new(Normals { steps: 5 }),
+    })
+}
