@@ -74,14 +74,18 @@ impl Mesh {
         let mut numbers: HashMap<u64, u32, BuildHasherDefault<KeyHasher>> = HashMap::default();
         let mut clusters: Vec<Cluster> = Vec::new();
         let mut cluster_of = Vec::with_capacity(keys.len());
+        // Neighbours in the file are mostly neighbours on the surface.
+        let mut last = (u64::MAX, 0);
         for (i, &key) in keys.iter().enumerate() {
-            let number = *numbers.entry(key).or_insert_with(|| {
-                let corner = cube(&self.positions[i]);
-                clusters.push(Cluster::at(std::array::from_fn(|k| low[k] + (corner[k] as f64 + 0.5) * side)));
-                clusters.len() as u32 - 1
-            });
-            clusters[number as usize].add(self, i);
-            cluster_of.push(number);
+            if key != last.0 {
+                last = (key, *numbers.entry(key).or_insert(clusters.len() as u32));
+                if last.1 as usize == clusters.len() {
+                    let corner = cube(&self.positions[i]);
+                    clusters.push(Cluster::at(std::array::from_fn(|k| low[k] + (corner[k] as f64 + 0.5) * side)));
+                }
+            }
+            clusters[last.1 as usize].add(self, i);
+            cluster_of.push(last.1);
         }
         let mut triangles: Vec<[u32; 3]> = self
             .triangles
