@@ -18,6 +18,9 @@ const LANES: usize = 16;
 /// How many triangles ahead vertices are prefetched.
 const AHEAD: usize = 4 * LANES;
 
+/// How many triangles ahead their indices are prefetched: in a cache line there are five.
+const FAR_AHEAD: usize = 128 * LANES;
+
 /// Edge functions of a triangle in a box of this many units fit in an i32.
 const SMALL: i32 = 7 << SUBPIXEL_BITS;
 
@@ -92,6 +95,9 @@ impl Sieve<'_> {
         let mut queue = Queue::default();
         for start in range.clone().step_by(LANES) {
             let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
+            for triangle in [0, 5, 10, 15] {
+                prefetch(&self.mesh.indices, start + FAR_AHEAD + triangle);
+            }
             let ahead = start + AHEAD..range.end.min(start + AHEAD + LANES);
             for vertex in self.mesh.indices.get(ahead).unwrap_or_default().as_flattened() {
                 prefetch(&self.projected.xy, *vertex as usize);
