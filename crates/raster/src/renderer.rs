@@ -7,6 +7,7 @@ use crate::sieve::{Fragment, Sieve, Sink};
 use crate::{GBuffer, Options, Raycaster, Triangles};
 use fearless_simd::{Level, dispatch, prelude::*};
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 use texreg_camera::Camera;
 use texreg_lie::Pose;
 
@@ -36,12 +37,19 @@ pub struct Renderer {
     lens: Option<Lens>,
     projected: Projected,
     chunks: Vec<Chunk>,
-    keys: Vec<u64>,
+    /// Keys of a whole picture, or of a band for each thread that draws one.
+    keys: Mutex<Vec<Vec<u64>>>,
 }
 
 impl Default for Renderer {
     fn default() -> Self {
-        Self { level: Level::new(), lens: None, projected: Projected::default(), chunks: Vec::new(), keys: Vec::new() }
+        Self {
+            level: Level::new(),
+            lens: None,
+            projected: Projected::default(),
+            chunks: Vec::new(),
+            keys: Mutex::default(),
+        }
     }
 }
 
@@ -72,7 +80,6 @@ impl Renderer {
         let lens = self.lens.get_or_insert_with(|| Lens::new(camera));
         let near = if options.near > 0.0 { options.near.max(NEAREST) } else { Options::NEAR };
         let projector = Projector::new(lens, camera_from_mesh, near);
-        self.keys.resize(gbuffer.depth.len(), 0);
         let work = mesh.positions.len() + mesh.indices.len() + gbuffer.depth.len();
         let threads = rayon::current_num_threads();
         let spread = options.parallel && threads > 1 && work >= WORTH_SPREADING;
@@ -93,13 +100,15 @@ impl Renderer {
         if spread {
             let bands = Bands::new(gbuffer, threads);
             bands.sift(self.level, &sieve, &mut self.chunks, threads);
-            bands.draw(self.level, &sieve, &self.chunks, &mut self.keys, gbuffer, &finisher);
+            bands.draw(self.level, &sieve, &self.chunks, &self.keys, gbuffer, &finisher);
         } else {
-            self.keys.fill(0);
+            let mut keys = take(&self.keys, gbuffer.depth.len());
             let [width, height] = sieve.bounds;
-            sieve.sift(self.level, 0..mesh.indices.len(), &mut Band { top: 0, width, height, keys: &mut self.keys });
+            let mut band = Band { top: 0, width, height, keys: &mut keys };
+            sieve.sift(self.level, 0..mesh.indices.len(), &mut band);
             let GBuffer { depth, face, barycentric, .. } = gbuffer;
-            finisher.finish(0, &self.keys, Strip { depth, face, barycentric });
+            finisher.finish(0, &keys, Strip { depth, face, barycentric });
+            give_back(&self.keys, keys);
         }
     }
 }
@@ -200,7 +209,7 @@ impl Bands {
         level: Level,
         sieve: &Sieve,
         chunks: &[Chunk],
-        keys: &mut [u64],
+        spare: &Mutex<Vec<Vec<u64>>>,
         gbuffer: &mut GBuffer,
         finisher: &Finisher,
     ) {
@@ -209,17 +218,29 @@ impl Bands {
         barycentric.resize_with(self.count, Default::default);
         let GBuffer { depth, face, .. } = gbuffer;
         let strips = depth.par_chunks_mut(size).zip(face.par_chunks_mut(size)).zip(barycentric);
-        let bands = keys.par_chunks_mut(size).zip(strips).enumerate().with_max_len(1);
-        bands.for_each(|(index, (keys, ((depth, face), barycentric)))| {
+        strips.enumerate().with_max_len(1).for_each(|(index, ((depth, face), barycentric))| {
             let top = (index << self.shift) as i32;
-            let height = (keys.len() / self.width) as i32;
-            keys.fill(0);
-            let mut band = Band { top, width: self.width as i32, height, keys };
+            let height = (depth.len() / self.width) as i32;
+            let mut keys = take(spare, depth.len());
+            let mut band = Band { top, width: self.width as i32, height, keys: &mut keys };
             let bins = chunks.iter().map(|chunk| &chunk.bands[index]);
             dispatch!(level, simd => draw_all(simd, &mut band, bins, sieve));
-            finisher.finish(top as usize * self.width, keys, Strip { depth, face, barycentric });
+            finisher.finish(top as usize * self.width, &keys, Strip { depth, face, barycentric });
+            give_back(spare, keys);
         });
     }
+}
+
+/// So many keys of background, in memory that is warm if there is any.
+fn take(spare: &Mutex<Vec<Vec<u64>>>, size: usize) -> Vec<u64> {
+    let mut keys = spare.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
+    keys.clear();
+    keys.resize(size, 0);
+    keys
+}
+
+fn give_back(spare: &Mutex<Vec<Vec<u64>>>, keys: Vec<u64>) {
+    spare.lock().unwrap_or_else(PoisonError::into_inner).push(keys);
 }
 
 /// Draws what the chunks have left in one band.
