@@ -96,7 +96,7 @@ impl Sieve<'_> {
         for start in range.clone().step_by(LANES) {
             let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
             for triangle in [0, 5, 10, 15] {
-                prefetch(&self.mesh.indices, start + FAR_AHEAD + triangle);
+                prefetch(self.mesh.indices, start + FAR_AHEAD + triangle);
             }
             let ahead = start + AHEAD..range.end.min(start + AHEAD + LANES);
             for vertex in self.mesh.indices.get(ahead).unwrap_or_default().as_flattened() {
