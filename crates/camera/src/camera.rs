@@ -56,8 +56,12 @@ impl Camera {
         if self.distortion.is_none() {
             return Some((self.intrinsics.apply(&p), point_jacobian(&self.intrinsics.linear(), &p, point.z)));
         }
-        let (distorted, slope) = self.distortion.apply_with_jacobian(&p)?;
-        let jacobian = point_jacobian(&(self.intrinsics.linear() * slope), &p, point.z);
+        self.distorted_with_jacobian(&p, point.z)
+    }
+
+    fn distorted_with_jacobian(&self, p: &Vector2<f64>, z: f64) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
+        let (distorted, slope) = self.distortion.apply_with_jacobian(p)?;
+        let jacobian = point_jacobian(&(self.intrinsics.linear() * slope), p, z);
         Some((self.intrinsics.apply(&distorted), jacobian))
     }
 
@@ -75,6 +79,7 @@ impl Camera {
     }
 
     /// The direction (x, y, 1) in the camera frame that is seen at a pixel, or `None` where the distortion has no inverse.
+    #[inline]
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector3<f64>> {
         let p = self.distortion.invert(&self.intrinsics.invert(pixel))?;
         (p.x.is_finite() && p.y.is_finite()).then(|| p.push(1.0))

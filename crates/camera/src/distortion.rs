@@ -35,8 +35,9 @@ impl Distortion {
     }
 
     /// Undistorted to distorted normalized coordinates; `None` outside the domain.
+    #[inline]
     pub fn apply(&self, p: &Vector2<f64>) -> Option<Vector2<f64>> {
-        self.apply_with_jacobian(p).map(|(distorted, _)| distorted)
+        if self.is_none() { Some(*p) } else { self.apply_with_jacobian(p).map(|(distorted, _)| distorted) }
     }
 
     /// [`apply`](Self::apply), and ∂(x_d, y_d)/∂(x, y).
@@ -83,10 +84,12 @@ impl Distortion {
     ///
     /// The radial part alone is inverted first, by Newton's method kept inside a bracket; Newton's method in the plane
     /// then adds the tangential part.
+    #[inline]
     pub fn invert(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
-        if self.is_none() {
-            return Some(*distorted);
-        }
+        if self.is_none() { Some(*distorted) } else { self.invert_by_newton(distorted) }
+    }
+
+    fn invert_by_newton(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
         let r_d = distorted.norm();
         let mut p = if r_d == 0.0 { *distorted } else { distorted * (self.invert_radius(r_d)? / r_d) };
         let tolerance = 4.0 * f64::EPSILON * (r_d + f64::MIN_POSITIVE);

@@ -30,6 +30,7 @@ impl Intrinsics {
     }
 
     /// Pixels to distorted normalized coordinates.
+    #[inline]
     pub fn invert(&self, pixel: &Point2<f64>) -> Vector2<f64> {
         let y = (pixel.y - self.cy) / self.fy;
         Vector2::new((pixel.x - self.cx - self.skew * y) / self.fx, y)

@@ -72,7 +72,7 @@ impl Frame {
 
     /// World to frame.
     pub(crate) fn enter(&self, point: &Vector3<f64>) -> Vector3<f64> {
-        self.axes.inverse() * (point - self.centroid) / self.scale
+        self.axes.matrix().tr_mul(&(point - self.centroid)) * (1.0 / self.scale)
     }
 
     /// A `camera_from_frame` pose to `camera_from_world`.

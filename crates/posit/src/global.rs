@@ -19,8 +19,10 @@ type Matrix9 = SMatrix<f64, 9, 9>;
 type Vector9 = SVector<f64, 9>;
 type Matrix9x3 = SMatrix<f64, 9, 3>;
 
-/// How many starts are followed to their minimum.
-const FOLLOWED: usize = 5;
+/// How many starts are followed to their minimum: with few points there are more minima.
+const FOLLOWED: usize = 8;
+const FOLLOWED_OF_MANY: usize = 5;
+const MANY: usize = 11;
 
 /// The local minima of the depth-weighted reprojection error, best first, as `camera_from_world`.
 pub fn global(bearings: &[Bearing]) -> Result<Vec<Pose>, NoSolution> {
@@ -46,14 +48,15 @@ pub(crate) fn minima(bearings: impl Iterator<Item = Bearing>) -> Result<[Option<
     let form = Form::new(bearings)?;
     let mut starts = [(f64::INFINITY, Matrix3::zeros()); FOLLOWED];
     for rotation in cube_rotations() {
-        let error = form.error(&rotation);
+        let error = form.error(&rotation).0;
         if error < starts[FOLLOWED - 1].0 {
             starts[FOLLOWED - 1] = (error, rotation);
             starts.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
     }
     let mut found = [None; FOLLOWED];
-    for (_, start) in starts.into_iter().filter(|s| s.0.is_finite()) {
+    let followed = if form.count < MANY { FOLLOWED } else { FOLLOWED_OF_MANY };
+    for (_, start) in starts.into_iter().take(followed).filter(|s| s.0.is_finite()) {
         insert(&mut found, form.descend_in_front(start));
     }
     // A shallow set looks much the same mirrored in depth: reflect about the image plane, and the thin axis back.
@@ -94,31 +97,32 @@ fn cube_rotations() -> impl Iterator<Item = Matrix3<f64>> {
 struct Form {
     omega: Matrix9,
     translation: SMatrix<f64, 3, 9>,
+    /// Of points.
+    count: usize,
 }
 
 impl Form {
     fn new(bearings: impl Iterator<Item = Bearing>) -> Result<Self, NoSolution> {
-        // Moments Σ w p̃ p̃ᵀ of p̃ = (p, 1) for the weights 1, x, y, x² + y².
-        let mut moments = [Matrix4::<f64>::zeros(); 4];
+        // Moments Σ w p̃ p̃ᵀ of p̃ = (p, 1) for the weights w = 1, x, y, x² + y², lower triangles row by row.
+        let mut triangles = [[0.0; 10]; 4];
         let (mut mean, mut square) = (Vector2::zeros(), 0.0);
         for Bearing { point: p, image } in bearings {
-            let h = p.push(1.0);
             let s = image.norm_squared();
             mean += image;
             square += s;
-            let weights = [1.0, image.x, image.y, s];
-            for i in 0..4 {
-                for j in 0..=i {
-                    let product = h[i] * h[j];
-                    for (moment, weight) in moments.iter_mut().zip(weights) {
-                        moment[(i, j)] += weight * product;
-                    }
+            let products = [p.x * p.x, p.y * p.x, p.y * p.y, p.z * p.x, p.z * p.y, p.z * p.z, p.x, p.y, p.z, 1.0];
+            for (triangle, weight) in triangles.iter_mut().zip([1.0, image.x, image.y, s]) {
+                for (sum, product) in triangle.iter_mut().zip(products) {
+                    *sum += weight * product;
                 }
             }
         }
-        for moment in &mut moments {
-            moment.fill_upper_triangle_with_lower_triangle();
-        }
+        let moments = triangles.map(|t| {
+            Matrix4::from_fn(|i, j| {
+                let (row, column) = (i.max(j), i.min(j));
+                t[row * (row + 1) / 2 + column]
+            })
+        });
         let [one, mx, my, ms] = moments;
         let count = one.m44;
         // The normal matrix of t is singular when all pixels coincide.
@@ -137,12 +141,14 @@ impl Form {
         let rr = Matrix9::from_fn(|k, l| blocks[k / 3][l / 3][(k % 3, l % 3)]);
         let inverse = tt.try_inverse().ok_or(NoSolution::OnePixel)?;
         let translation = -(inverse * tr);
-        Ok(Self { omega: rr + tr.transpose() * translation, translation })
+        Ok(Self { omega: rr + tr.transpose() * translation, translation, count: count as usize })
     }
 
-    fn error(&self, rotation: &Matrix3<f64>) -> f64 {
+    /// f = rᵀ Ω r, and Ω r.
+    fn error(&self, rotation: &Matrix3<f64>) -> (f64, Vector9) {
         let r = rows(rotation);
-        r.dot(&(self.omega * r))
+        let slope = self.omega * r;
+        (r.dot(&slope), slope)
     }
 
     fn translation(&self, rotation: &Matrix3<f64>) -> Vector3<f64> {
@@ -160,26 +166,27 @@ impl Form {
         (minimum.pose.translation.z > 0.0 && minimum.pose.is_finite()).then_some(minimum)
     }
 
-    /// Newton's method with the step `ω` in `exp(ω) R`, damped until the error falls.
+    /// Newton's method with the step `ω` in `cayley(ω) R`, damped until the error falls.
     fn descend(&self, start: Matrix3<f64>) -> Minimum {
         let mut rotation = start;
-        let mut error = self.error(&rotation);
+        let (mut error, mut slope) = self.error(&rotation);
         let mut damping = 0.0;
         for _ in 0..30 {
-            let Some((step, scale)) = self.step(&rotation, damping) else {
+            let Some(step) = self.step(&rotation, &slope, damping) else {
                 damping = (4.0 * damping).max(1e-3);
                 continue;
             };
-            if step.norm_squared() < 1e-20 {
-                break;
-            }
-            let next = so3::exp(&step) * rotation;
-            let next_error = self.error(&next);
+            let size = step.norm_squared();
+            let next = cayley(&step) * rotation;
+            let (next_error, next_slope) = self.error(&next);
             if next_error < error {
-                rotation = next;
-                error = next_error;
+                (rotation, error, slope) = (next, next_error, next_slope);
                 damping = if damping < 1e-3 { 0.0 } else { 0.1 * damping };
-            } else if step.norm_squared() < 1e-12 || scale == 0.0 {
+                // Convergence is quadratic: what is left is of the order of this step's square.
+                if size < 1e-11 {
+                    break;
+                }
+            } else if size < 1e-12 {
                 break;
             } else {
                 damping = (8.0 * damping).max(1e-3);
@@ -190,12 +197,11 @@ impl Form {
     }
 
     /// The minimum of the second-order model `f + gᵀω + ωᵀHω`, H damped relative to its Gauss–Newton part; `None` if that
-    /// is not convex. Also the scale of H.
-    fn step(&self, rotation: &Matrix3<f64>, damping: f64) -> Option<(Vector3<f64>, f64)> {
-        // G = ∂f/∂R / 2 and M = R Gᵀ: f(exp(ω) R) has the gradient −4 vee(M) and, from the curvature of SO(3), the
+    /// is not convex.
+    fn step(&self, rotation: &Matrix3<f64>, slope: &Vector9, damping: f64) -> Option<Vector3<f64>> {
+        // G = ∂f/∂R / 2, Ω r as a matrix, and M = R Gᵀ: f(exp(ω) R) has the gradient −4 vee(M) and, from the curvature of SO(3), the
         // second-order term ωᵀ(sym M − tr M)ω.
-        let g = self.omega * rows(rotation);
-        let m = rotation * Matrix3::from_column_slice(g.as_slice());
+        let m = rotation * Matrix3::from_column_slice(slope.as_slice());
         let gradient = so3::vee(&m) * -4.0;
         let r = |i: usize| rotation.row(i).transpose();
         let (r1, r2, r3) = (r(0), r(1), r(2));
@@ -207,8 +213,15 @@ impl Form {
         let scale = linear.trace();
         let curved = linear + (m + m.transpose()) * 0.5 + Matrix3::from_diagonal_element(damping * scale - m.trace());
         let factor = curved.cholesky()?;
-        Some((factor.solve(&gradient) * -0.5, scale))
+        Some(factor.solve(&gradient) * -0.5)
     }
+}
+
+/// The rotation `(1 − [ω]×/2)⁻¹ (1 + [ω]×/2)`: exp(ω) to second order, which is what Newton's method needs of it.
+fn cayley(omega: &Vector3<f64>) -> Matrix3<f64> {
+    let scale = 1.0 / (1.0 + 0.25 * omega.norm_squared());
+    let hat = so3::hat(omega);
+    Matrix3::identity() + (hat + hat * hat * 0.5) * scale
 }
 
 /// The entries of a matrix row by row.
