@@ -64,7 +64,7 @@ pub fn pose(correspondences: &[Correspondence], camera: &Camera, options: &Optio
     }
     let keep = |kept: &[usize]| -> Vec<Correspondence> { kept.iter().map(|i| correspondences[*i]).collect() };
     let refinement = Refinement { focal: options.focal, ..Refinement::default() };
-    let everyone = solve(&keep(&usable), camera, &refinement);
+    let everyone = solve(&keep(&usable), &bearings, camera, &refinement);
     let threshold = match options.threshold {
         Some(threshold) if usable.len() > needed => threshold,
         _ => return everyone.map(|fit| fit.solution(correspondences.len(), &usable)),
@@ -81,7 +81,8 @@ pub fn pose(correspondences: &[Correspondence], camera: &Camera, options: &Optio
     let found = consensus(&bearings, camera, threshold, &options.sampling)?;
     let mut kept: Vec<usize> =
         usable.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(i, _)| *i).collect();
-    let mut fit = solve(&keep(&kept), camera, &refinement)?;
+    bearings = bearings.into_iter().zip(found.inliers).filter(|(_, inlier)| *inlier).map(|(b, _)| b).collect();
+    let mut fit = solve(&keep(&kept), &bearings, camera, &refinement)?;
     // The consensus was found in the undistorted photo; settle who belongs to it in the photo itself.
     for _ in 0..10 {
         let now: Vec<usize> = usable.iter().copied().filter(|i| agrees(&fit.best.view, *i)).collect();
@@ -119,13 +120,18 @@ impl Fit {
 }
 
 /// The global minimum of the reprojection error: every minimum of the depth-weighted error, refined.
-fn solve(correspondences: &[Correspondence], camera: &Camera, refinement: &Refinement) -> Result<Fit, NoSolution> {
+fn solve(
+    correspondences: &[Correspondence],
+    bearings: &[Bearing],
+    camera: &Camera,
+    refinement: &Refinement,
+) -> Result<Fit, NoSolution> {
     let frame = Frame::new(correspondences.iter().map(|c| c.point.coords))?;
-    let points = || correspondences.iter().map(|c| frame.enter(&c.point.coords));
-    let bearing = |(c, point): (&Correspondence, _)| Some(Bearing { point, ..c.bearing(camera)? });
-    let starts = minima(correspondences.iter().zip(points()).filter_map(bearing))?;
-    let inner: Vec<Correspondence> =
-        points().zip(correspondences).map(|(p, c)| Correspondence::new(Point3::from(p), c.pixel)).collect();
+    let inner: Vec<Correspondence> = correspondences
+        .iter()
+        .map(|c| Correspondence::new(Point3::from(frame.enter(&c.point.coords)), c.pixel))
+        .collect();
+    let starts = minima(inner.iter().zip(bearings).map(|(c, b)| Bearing { point: c.point.coords, image: b.image }))?;
     let mut fits: Vec<Refined> = Vec::new();
     // Whatever may turn out the best, or an alternative to it. The error is in image coordinates times depth.
     let half_pixel = starts[0].map_or(0.0, |m| 0.5 * m.pose.translation.z / camera.intrinsics.fy);
