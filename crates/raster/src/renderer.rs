@@ -74,15 +74,33 @@ impl Renderer {
         if gbuffer.depth.is_empty() {
             return;
         }
+        let work = mesh.positions.len() + mesh.indices.len() + gbuffer.depth.len();
+        let threads = rayon::current_num_threads();
+        if options.parallel && threads > 1 && work >= WORTH_SPREADING {
+            // The pool is entered once, not for every step.
+            rayon::scope(|_| self.render_on(threads, mesh, camera, camera_from_mesh, options, gbuffer));
+        } else {
+            self.render_on(1, mesh, camera, camera_from_mesh, options, gbuffer);
+        }
+    }
+
+    /// Renders on one thread, the calling one, or on several.
+    fn render_on(
+        &mut self,
+        threads: usize,
+        mesh: &Triangles,
+        camera: &Camera,
+        camera_from_mesh: &Pose,
+        options: &Options,
+        gbuffer: &mut GBuffer,
+    ) {
         if !self.lens.as_ref().is_some_and(|lens| lens.is_for(camera)) {
             self.lens = None;
         }
         let lens = self.lens.get_or_insert_with(|| Lens::new(camera));
         let near = if options.near > 0.0 { options.near.max(NEAREST) } else { Options::NEAR };
         let projector = Projector::new(lens, camera_from_mesh, near);
-        let work = mesh.positions.len() + mesh.indices.len() + gbuffer.depth.len();
-        let threads = rayon::current_num_threads();
-        let spread = options.parallel && threads > 1 && work >= WORTH_SPREADING;
+        let spread = threads > 1;
         project(&mut self.projected, self.level, mesh, &projector, spread);
         let sieve = Sieve {
             mesh,
