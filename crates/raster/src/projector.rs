@@ -10,7 +10,8 @@ use texreg_lie::Pose;
 
 /// How far, in pixels, a triangle drawn with straight edges may stray from what a distorting lens makes of it.
 ///
-/// Longer edges are split. A camera whose distortion would need edges under [`SHORTEST_EDGE`] is drawn with that length.
+/// Longer edges are split. A camera whose distortion would need edges under 2 pixels is drawn
+/// with edges of that length.
 pub const DISTORTION_TOLERANCE: f64 = 1.0 / 32.0;
 
 /// The length in pixels below which distorted edges are never split.

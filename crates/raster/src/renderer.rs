@@ -59,7 +59,7 @@ impl Renderer {
         Self::default()
     }
 
-    /// Renders into `gbuffer`, whose size and previous contents do not matter.
+    /// Renders into `gbuffer`, whose size and previous contents do not matter. Pictures may have up to 131,072 pixels a side.
     ///
     /// To render a region of the image, take the camera with the region's size and with cx, cy less its first pixel.
     pub fn render(
