@@ -16,7 +16,7 @@ pub struct Model<'a> {
 }
 
 /// Triangles of the coarse copy: enough for pictures of 300 pixels.
-const COARSE: usize = 20_000;
+const COARSE: usize = 40_000;
 
 impl<'a> Model<'a> {
     /// Makes a mesh ready. Several signals make a joint one; with none, the model predicts all it can.

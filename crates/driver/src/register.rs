@@ -15,7 +15,7 @@ use crate::overview::{Evidence, Overview, Workspace};
 use crate::parameters::ViewSpace;
 use crate::pyramid::{Level, pyramid, spread};
 use crate::samples::{Sampler, Sampling, SurfaceSamples};
-use crate::search::Search;
+use crate::search::{Region, Search};
 use crate::verdict::{Findings, verdict};
 use crate::{Error, Options, Photo, Refine, SolverName};
 use rayon::prelude::*;
@@ -66,9 +66,6 @@ const APART: f64 = 2.0;
 
 /// The renewed rendering of a view that moved by less than this many pixels of a level shows nothing new.
 const SETTLED: f64 = 0.05;
-
-/// Background samples reach this many pixels of a level beyond the silhouette, and are half as many as the model's.
-const BAND: f32 = 12.0;
 
 /// What the camera's prior weighs against a photo: a thousand of its samples are independent.
 const PRIOR: f64 = 1e-3;
@@ -125,7 +122,7 @@ impl<'a> Registration<'a> {
         };
 
         let began = Instant::now();
-        let (mut views, renderings, evidence) = self.hypotheses(&start);
+        let (mut views, renderings, evidence) = self.hypotheses(&start).ok_or(Error::NothingVisible)?;
         let name = format!("search 1/{}", 1 << coarsest);
         tell(stage(name, began, renderings, renderings, evidence), &start);
 
@@ -170,39 +167,42 @@ impl<'a> Registration<'a> {
 
     /// The start and other views that might lie in the right basin; how many were looked at, and the evidence for the start
     /// and for the best.
-    fn hypotheses(&self, start: &View) -> (Vec<View>, usize, (f64, f64)) {
+    fn hypotheses(&self, start: &View) -> Option<(Vec<View>, usize, (f64, f64))> {
         let evidence = |workspace: &mut Workspace, view: &View| {
             self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
         };
         let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, |evidence| evidence.near];
         let search = Search { seed: self.options.seed, ..Search::default() };
-        let scale = self.levels.last().map_or(1.0, |level| level.scale);
+        let level = self.levels.last()?;
+        let seen =
+            Sampler::new(&self.model.coarse, &*self.model.signal).sample(start, level, &Sampling::surface(2_000))?;
+        let region = Region::around(&seen.points)?;
         let mut views = vec![*start];
         let mut looked = 0;
         let mut best = 0.0;
         for (k, criterion) in criteria.into_iter().enumerate() {
             let score = |workspace: &mut Workspace, view: &View| evidence(workspace, view).map(criterion);
-            let found = search.around(start, self.model.mesh.diagonal(), score);
+            let found = search.around(start, &region, score);
             looked += found.len();
             best = found.first().map_or(best, |(score, _)| *score);
             for (_, view) in found {
                 if views.len() == HYPOTHESES * (k + 1) / criteria.len() {
                     break;
                 }
-                if views.iter().all(|other| self.model.distance(other, &view) * scale > APART) {
+                if views.iter().all(|other| self.model.distance(other, &view) * level.scale > APART) {
                     views.push(view);
                 }
             }
         }
         let before = evidence(&mut Workspace::default(), start).map_or(0.0, |evidence| evidence.near);
-        (views, looked, (before, best))
+        Some((views, looked, (before, best)))
     }
 
     /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
     /// does.
     fn similarity(&self, view: &View) -> Option<(f64, f64)> {
         let samples = EFFORTS[EFFORTS.len() - 1].samples;
-        let sampling = Sampling { surface: samples, halo: samples / 2, band: BAND };
+        let sampling = Sampling::with_halo(samples);
         let samples = Sampler::new(self.model.mesh, &*self.model.signal).sample(view, &self.levels[0], &sampling)?;
         let space = self.space(Refine::default());
         let value = self.objective(0, &samples, &space, view).value(view)?;
@@ -214,8 +214,8 @@ impl<'a> Registration<'a> {
         let level = &self.levels[index];
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
-        let mesh = if coarseness < 2 { &self.model.coarse } else { self.model.mesh };
-        let sampling = Sampling { surface: effort.samples, halo: effort.samples / 2, band: BAND };
+        let mesh = if coarseness < 1 { &self.model.coarse } else { self.model.mesh };
+        let sampling = Sampling::with_halo(effort.samples);
         let space = self.space(if index < 2 { self.options.refine } else { Refine::default() });
         let solver = match self.options.solver {
             SolverName::LevenbergMarquardt => {

@@ -30,6 +30,21 @@ pub(crate) struct Sampling {
     pub(crate) band: f32,
 }
 
+/// Background samples reach this many pixels of a level beyond the silhouette.
+const BAND: f32 = 12.0;
+
+impl Sampling {
+    /// So many points of the surface alone.
+    pub(crate) fn surface(surface: usize) -> Self {
+        Self { surface, halo: 0, band: 0.0 }
+    }
+
+    /// So many points of the surface, and half as many around it.
+    pub(crate) fn with_halo(surface: usize) -> Self {
+        Self { surface, halo: surface / 2, band: BAND }
+    }
+}
+
 /// Renders a model and picks samples from the pictures.
 pub(crate) struct Sampler<'a> {
     mesh: &'a Mesh,

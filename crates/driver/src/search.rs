@@ -5,7 +5,7 @@
 //! mean and covariance for the next.
 
 use crate::overview::Workspace;
-use nalgebra::{Cholesky, Matrix6, Vector3, Vector6};
+use nalgebra::{Cholesky, Matrix6, Point3, Vector3, Vector6};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use rayon::prelude::*;
 use texreg_camera::View;
@@ -20,7 +20,8 @@ pub(crate) struct Search {
     pub(crate) views: usize,
     /// The best views of a round that shape the next.
     pub(crate) elite: usize,
-    /// The standard deviation of the first round: radians of rotation, and shares of the model's diagonal.
+    /// The standard deviation of the first round: radians of rotation, and shares of the region's
+    /// diagonal.
     pub(crate) deviation: f64,
     /// The seed.
     pub(crate) seed: u64,
@@ -37,11 +38,11 @@ impl Default for Search {
 
 impl Search {
     /// The views that were looked at and what they scored, less a doubt that grows with the distance from the start, the best
-    /// first. Views are of the model's frame, about whose origin they turn; `diagonal` is the model's.
+    /// first. Views are of the model's frame.
     pub(crate) fn around(
         &self,
         start: &View,
-        diagonal: f64,
+        region: &Region,
         score: impl Fn(&mut Workspace, &View) -> Option<f64> + Sync,
     ) -> Vec<(f64, View)> {
         let mut random = StdRng::seed_from_u64(self.seed);
@@ -51,12 +52,16 @@ impl Search {
         for round in 0..self.rounds {
             let Some(factor) = Cholesky::new(covariance) else { break };
             let drawn: Vec<Vector6<f64>> = (0..self.views)
-                .map(|i| if round == 0 && i == 0 { mean } else { mean + factor.l() * normal(&mut random) })
+                .map(|i| {
+                    // The first round looks near the start as well as far.
+                    let reach = if round > 0 { 1.0 } else { [1.0, 0.3][i % 2] };
+                    if round == 0 && i == 0 { mean } else { mean + factor.l() * normal(&mut random) * reach }
+                })
                 .collect();
             let mut scored: Vec<(f64, Vector6<f64>, View)> = drawn
                 .into_par_iter()
                 .map_init(Workspace::default, |workspace, step| {
-                    let view = moved(start, &step, diagonal);
+                    let view = region.moved(start, &step);
                     let doubt = DOUBT * step.norm_squared() / self.deviation.powi(2);
                     Some((score(workspace, &view)? - doubt, step, view))
                 })
@@ -80,12 +85,29 @@ impl Search {
     }
 }
 
-/// The view that a step leads to: a rotation vector about the model's origin, and a shift in units of its diagonal.
-fn moved(start: &View, step: &Vector6<f64>, diagonal: f64) -> View {
-    let turn: Vector3<f64> = step.fixed_rows::<3>(0).into_owned();
-    let shift: Vector3<f64> = step.fixed_rows::<3>(3) * diagonal;
-    let pose = Pose::new(so3::exp(&turn) * start.pose.rotation, start.pose.translation + shift);
-    View { camera: start.camera, pose }
+/// The part of the model that the start shows: what views are turned about, and the unit of their shifts.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Region {
+    centre: Point3<f64>,
+    diagonal: f64,
+}
+
+impl Region {
+    /// The bounding box of points of the model; `None` without any.
+    pub(crate) fn around(points: &[Point3<f64>]) -> Option<Self> {
+        let first = *points.first()?;
+        let (low, high) = points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
+        Some(Self { centre: nalgebra::center(&low, &high), diagonal: (high - low).norm() })
+    }
+
+    /// The view that a step leads to: a rotation vector about the centre, and a shift in units of the diagonal.
+    fn moved(&self, start: &View, step: &Vector6<f64>) -> View {
+        let turn: Vector3<f64> = step.fixed_rows::<3>(0).into_owned();
+        let shift: Vector3<f64> = step.fixed_rows::<3>(3) * self.diagonal;
+        let rotation = so3::exp(&turn) * start.pose.rotation;
+        let centre = start.pose.transform_point(&self.centre).coords + shift;
+        View { camera: start.camera, pose: Pose::new(rotation, centre - rotation * self.centre.coords) }
+    }
 }
 
 /// Six standard normal numbers (G. Box and M. Muller, 1958).
