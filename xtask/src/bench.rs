@@ -4,6 +4,7 @@ mod accuracy;
 mod load;
 mod pnp;
 mod raster;
+mod register;
 
 use serde::Serialize;
 use std::path::PathBuf;
@@ -35,6 +36,7 @@ enum Name {
     Load,
     Pnp,
     Raster,
+    Register,
 }
 
 /// Runs a benchmark and prints its report.
@@ -44,6 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Load => load::run(arguments)?,
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,
+        Name::Register => register::run(arguments)?,
     };
     report.print(arguments.json)
 }

@@ -166,7 +166,7 @@ fn perturbed(mesh: &Mesh, view: &View, level: f64, seed: u64) -> View {
 }
 
 /// The folders below `--cases` (or the fixtures) that hold a model and its truth.
-fn case_folders(arguments: &Arguments) -> Result<Vec<PathBuf>> {
+pub(crate) fn case_folders(arguments: &Arguments) -> Result<Vec<PathBuf>> {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures");
     let root = arguments.cases.clone().unwrap_or(fixtures);
     let is_case = |folder: &Path| folder.join("model.ply").exists() && folder.join("truth.json").exists();
