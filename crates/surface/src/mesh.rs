@@ -141,15 +141,24 @@ impl Bounds {
 
     /// The box around single-precision positions.
     pub(crate) fn over(positions: &[[f32; 3]]) -> Bounds {
+        // Four points side by side, so that the loop runs on whole SIMD registers.
         let fold = |chunk: &[[f32; 3]]| {
-            let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-            for p in chunk {
-                for k in 0..3 {
-                    low[k] = low[k].min(p[k]);
-                    high[k] = high[k].max(p[k]);
+            let (mut low, mut high) = ([f32::INFINITY; 12], [f32::NEG_INFINITY; 12]);
+            let mut add = |four: &[f32; 12]| {
+                for k in 0..12 {
+                    low[k] = if four[k] < low[k] { four[k] } else { low[k] };
+                    high[k] = if four[k] > high[k] { four[k] } else { high[k] };
                 }
+            };
+            let (fours, rest) = chunk.as_flattened().as_chunks::<12>();
+            fours.iter().for_each(&mut add);
+            for point in rest.as_chunks::<3>().0 {
+                add(&std::array::from_fn(|k| point[k % 3]));
             }
-            Bounds { low: low.map(f64::from), high: high.map(f64::from) }
+            let over = |lanes: [f32; 12], pick: fn(f32, f32) -> f32| -> [f64; 3] {
+                std::array::from_fn(|k| f64::from((0..4).map(|i| lanes[3 * i + k]).fold(lanes[k], pick)))
+            };
+            Bounds { low: over(low, f32::min), high: over(high, f32::max) }
         };
         positions.par_chunks(1 << 16).map(fold).reduce(|| Bounds::EMPTY, Bounds::union)
     }

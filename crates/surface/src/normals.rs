@@ -108,7 +108,8 @@ pub(crate) fn complete_normals(
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
     let v = v.map(f64::from);
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    (length.is_finite() && length > 0.0).then(|| v.map(|x| (x / length) as f32))
+    let inverse = 1.0 / length;
+    (length > 0.0 && inverse > 0.0).then(|| v.map(|x| (x * inverse) as f32))
 }
 
 /// A power of two that brings the model to about unit size, so that areas neither overflow nor vanish.

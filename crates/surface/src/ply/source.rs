@@ -1,7 +1,6 @@
 //! Where the bytes of a model come from: a file, read at any offset by any thread, or memory.
 //!
-//! Reading beats mapping here: a mapped file costs a page fault every few kilobytes, and one that shrinks while it is
-//! mapped kills the process.
+//! Reading in chunks costs about as much as mapping, and a mapped file that shrinks while it is read kills the process.
 use std::fs::File;
 use std::io;
 
