@@ -28,7 +28,7 @@ const TRIES: usize = 3;
 const TOLERANCE: f64 = 0.25;
 
 /// How much of a corner's contrast its neighbour must have, at least.
-const CONTRAST: f32 = 0.35;
+const CONTRAST: f32 = 0.2;
 
 /// The fewest corners of a grid.
 const FEWEST: usize = 6;
@@ -54,6 +54,7 @@ pub(crate) fn grids(image: &Image, corners: &[Corner], limits: (usize, usize)) -
     for grid in &mut grids {
         grid.drop_astray();
         grid.complete(image, corners, limits);
+        grid.prune();
         grid.trim(limits);
     }
     grids.sort_by_key(|grid| std::cmp::Reverse(grid.cells.len()));
@@ -164,7 +165,7 @@ impl Grid {
     }
 
     /// Drops corners that are not where those around them say.
-    pub(crate) fn drop_astray(&mut self) {
+    fn drop_astray(&mut self) {
         let astray = |cell: &(i32, i32), corner: &Corner| {
             let predicted = self.predict(*cell);
             let spacing = self.spacing(*cell, &corner.at);
@@ -178,7 +179,7 @@ impl Grid {
     }
 
     /// Where a cell should be seen, by a homography of the cells around it, itself left out.
-    pub(crate) fn predict(&self, (x, y): (i32, i32)) -> Option<Point2<f64>> {
+    fn predict(&self, (x, y): (i32, i32)) -> Option<Point2<f64>> {
         let mut around: Vec<(i32, (i32, i32))> = Vec::with_capacity(48);
         for reach in [2, 3] {
             around.clear();
@@ -198,8 +199,25 @@ impl Grid {
         homography::apply(&homography::dlt(&pairs)?, &Point2::origin())
     }
 
+    /// Drops corners with a single neighbour: every corner of a board has two.
+    fn prune(&mut self) {
+        loop {
+            let neighbours = |&(x, y): &(i32, i32)| {
+                let beside = [(x + 1, y), (x, y + 1), (x - 1, y), (x, y - 1)];
+                beside.iter().filter(|cell| self.cells.contains_key(cell)).count()
+            };
+            let dangling: Vec<_> = self.cells.keys().filter(|cell| neighbours(cell) < 2).copied().collect();
+            if dangling.is_empty() {
+                return;
+            }
+            for cell in dangling {
+                self.cells.remove(&cell);
+            }
+        }
+    }
+
     /// Takes off outer lines with gaps, the emptiest first, as long as the grid is larger than the board.
-    pub(crate) fn trim(&mut self, (longer, shorter): (usize, usize)) {
+    fn trim(&mut self, (longer, shorter): (usize, usize)) {
         loop {
             let (width, height) = self.size();
             if width.max(height) <= longer && width.min(height) <= shorter {

@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Parser, Subcommand, ValueEnum};
+use texreg::calib::Model;
 use texreg::driver::{Layer, MetricName, RotationName, SignalName, SolverName};
 
 /// Lays photographs onto scanned 3D models.
@@ -31,6 +32,8 @@ pub(crate) enum Command {
     Register(Register),
     /// Find each photo's camera from point pairs alone
     Pose(Pose),
+    /// Calibrate a camera from photos of a checkerboard
+    Calibrate(Calibrate),
     /// Draw what the metric sees of the model, as PNG
     Render(Render),
     /// Score cameras against the true ones
@@ -118,6 +121,60 @@ pub(crate) enum Part {
 pub(crate) struct Pose {
     #[command(flatten)]
     pub(crate) inputs: Inputs,
+}
+
+/// `texreg calibrate`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Calibrate {
+    /// Three or more photos of the board, of one camera at one zoom: JPEG, PNG or TIFF
+    #[arg(required = true, value_name = "IMAGE")]
+    pub(crate) images: Vec<PathBuf>,
+    /// The board's inner corners: columns, then rows
+    #[arg(long, display_order = 0, value_name = "COLSxROWS", value_parser = size)]
+    pub(crate) board: (usize, usize),
+    /// The side of a square, in the unit that poses shall have
+    #[arg(long, display_order = 0, value_name = "SIZE", value_parser = positive)]
+    pub(crate) square: f64,
+    /// The lens model, or the one the photos speak for: pinhole has no distortion, radial1 and radial2 have k1 and k2,
+    /// brown4 adds p1 and p2, brown5 k3
+    #[arg(long, value_name = "NAME", default_value = "auto", value_parser = model)]
+    pub(crate) model: Lens,
+    /// Use every photo with a board, even one that does not go with the others
+    #[arg(long)]
+    pub(crate) keep_all: bool,
+    /// The file to write; the report goes beside it, as .html
+    #[arg(short, long, value_name = "FILE", default_value = "camera.json")]
+    pub(crate) output: PathBuf,
+    /// Write each photo with its corners drawn to this folder
+    #[arg(long, value_name = "DIR")]
+    pub(crate) debug: Option<PathBuf>,
+}
+
+/// A lens model, or none chosen.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lens(pub(crate) Option<Model>);
+
+fn model(name: &str) -> Result<Lens, String> {
+    let names = || Model::ALL.iter().map(|model| model.name()).collect::<Vec<_>>().join(", ");
+    match name {
+        "auto" => Ok(Lens(None)),
+        name => name.parse().map(|model| Lens(Some(model))).map_err(|_| format!("not one of auto, {}", names())),
+    }
+}
+
+/// Reads COLSxROWS.
+fn size(text: &str) -> Result<(usize, usize), String> {
+    let sides = text.split_once(['x', 'X', '×']).and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+    let sides = sides.ok_or("the inner corners are written as columns x rows, as in 9x6")?;
+    match sides {
+        (2..=200, 2..=200) => Ok(sides),
+        _ => Err("a board has from 2 to 200 inner corners along each side".into()),
+    }
+}
+
+/// Reads a positive number.
+fn positive(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or_else(|| "must be a number above zero".into())
 }
 
 /// `texreg render`

@@ -4,6 +4,9 @@
 //! 3 when the run finished but a photo is uncertain or failed.
 
 mod args;
+mod calibrate;
+mod calibration_report;
+mod corners;
 mod evaluate;
 mod inputs;
 mod output;
@@ -45,6 +48,7 @@ fn run(args: &Args) -> anyhow::Result<Ending> {
         Command::Register(register) => register::run(register, args.json),
         Command::Pose(pose) => pose::run(pose, args.json),
         Command::Render(render) => render::run(render, args.json),
+        Command::Calibrate(calibrate) => calibrate::run(calibrate, args.json),
         Command::Evaluate(evaluate) => evaluate::run(evaluate, args.json),
     }
 }

@@ -148,7 +148,7 @@ fn progress(photos: usize) -> ProgressBar {
 }
 
 /// The command line as it could be typed again.
-fn command() -> String {
+pub(crate) fn command() -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./=,+:@%".contains(c);
     let quote = |word: String| {
         if !word.is_empty() && word.chars().all(plain) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }

@@ -188,12 +188,13 @@ fn grouped(n: usize) -> String {
 }
 
 /// A length with six significant digits, at most six of them behind the point.
-fn significant(x: f64) -> String {
+pub(crate) fn significant(x: f64) -> String {
     let whole = if x == 0.0 { 1.0 } else { x.abs().log10().floor() + 1.0 };
     let places = (6.0 - whole).clamp(0.0, 6.0) as usize;
     format!("{x:.places$}")
 }
 
-fn escape(text: &str) -> String {
+/// Text as HTML.
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
