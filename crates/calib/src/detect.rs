@@ -62,8 +62,10 @@ pub fn detect(image: &Image, board: &Board) -> Option<Sighting> {
         for (placed, grid, is_full) in look(&level, board) {
             let placed: Vec<Placed> = placed.into_iter().map(|(cell, corner)| (cell, enlarged(&corner, i))).collect();
             let sighting = Sighting { corners: pinpoint(image, &placed), grid, is_full };
-            // A few corners more from a level that fits less may be none.
-            if best.as_ref().is_none_or(|other| 8 * sighting.corners.len() > 9 * other.corners.len()) {
+            // A few corners more from a level that fits less may be none, unless they make the board whole.
+            let (found, before) =
+                (sighting.corners.len(), best.as_ref().map_or(0, |other: &Sighting| other.corners.len()));
+            if 8 * found > 9 * before || (found > before && found == board.corners()) {
                 best = Some(sighting);
             }
         }
