@@ -15,8 +15,8 @@ pub struct Model<'a> {
     probes: Vec<Point3<f64>>,
 }
 
-/// Triangles of the coarse copy: enough for pictures of 300 pixels.
-const COARSE: usize = 40_000;
+/// Triangles of the coarse copy: enough for pictures of 200 pixels.
+const COARSE: usize = 20_000;
 
 impl<'a> Model<'a> {
     /// Makes a mesh ready. Several signals make a joint one; with none, the model predicts all it can.

@@ -19,7 +19,7 @@ use texreg_surface::Mesh;
 const COLOURS: usize = 24;
 
 /// How far around the silhouette the background counts, in pixels of the picture.
-const BAND: f32 = 8.0;
+const BAND: f32 = 5.0;
 
 /// The background's share of samples, over the model's.
 const SHARE: f32 = 0.5;
@@ -29,8 +29,8 @@ const HUE: f32 = 2.0;
 
 /// A small picture of the photo.
 pub(crate) struct Overview {
-    /// Pixels of the picture per pixel of the photo.
-    scale: f64,
+    /// Pixels of the photo, along each axis, that make one of the picture.
+    pub(crate) factor: usize,
     width: usize,
     height: usize,
     /// The colour of each pixel.
@@ -54,6 +54,13 @@ pub(crate) struct Evidence {
     pub(crate) near: f64,
 }
 
+impl Evidence {
+    /// Both, the whole picture counted twice: its values are smaller, as most of its pixels are background in any view.
+    pub(crate) fn total(self) -> f64 {
+        2.0 * self.whole + self.near
+    }
+}
+
 impl Overview {
     /// The photo reduced by a whole factor.
     pub(crate) fn new(photo: &Photo, factor: usize) -> Self {
@@ -69,7 +76,7 @@ impl Overview {
             [grey, HUE * (red - grey), HUE * (blue - grey)]
         };
         let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| mean(i % width, i / width)).collect();
-        Self { scale: 1.0 / factor as f64, width, height, colours: palette(&pixels, COLOURS) }
+        Self { factor, width, height, colours: palette(&pixels, COLOURS) }
     }
 
     /// The evidence for a view; `None` where it shows nothing of the model.
@@ -81,7 +88,7 @@ impl Overview {
         view: &View,
     ) -> Option<Evidence> {
         let Workspace { renderer, picture, bins } = workspace;
-        let mut camera = view.camera.scaled(self.scale);
+        let mut camera = view.camera.scaled(1.0 / self.factor as f64);
         (camera.width, camera.height) = (self.width as u32, self.height as u32);
         let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
         let options = Options { parallel: false, ..Options::default() };

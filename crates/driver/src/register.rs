@@ -57,8 +57,11 @@ const TAIL: f64 = 0.005;
 /// The longer side of the coarsest level is below twice this many pixels.
 const COARSEST: usize = 150;
 
+/// The longer side of the picture that is searched is at most this many pixels.
+const OVERVIEW: u32 = 100;
+
 /// Views that climb on the coarsest level, and of these on the second.
-const HYPOTHESES: usize = 8;
+const HYPOTHESES: usize = 10;
 const FINALISTS: usize = 3;
 
 /// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
@@ -101,7 +104,7 @@ impl<'a> Registration<'a> {
         let mut values = photo.luma.clone();
         spread(&mut values, TAIL);
         let levels = pyramid(photo.width as usize, photo.height as usize, &values, COARSEST);
-        let overview = Overview::new(photo, 1 << (levels.len() - 1));
+        let overview = Overview::new(photo, photo.width.max(photo.height).div_ceil(OVERVIEW) as usize);
         let density = Parzen { model_bins: model.signal.bins() + 1, photo_bins: PHOTO_BINS };
         Self { model, options, density, levels, overview }
     }
@@ -123,16 +126,22 @@ impl<'a> Registration<'a> {
 
         let began = Instant::now();
         let (mut views, renderings, evidence) = self.hypotheses(&start).ok_or(Error::NothingVisible)?;
-        let name = format!("search 1/{}", 1 << coarsest);
-        tell(stage(name, began, renderings, renderings, evidence), &start);
+        let name = format!("search 1/{}", self.overview.factor);
+        tell(stage(name, began, 0, renderings, evidence), &start);
 
         let mut rival = 0.0;
         let mut across_levels = (0.0, 0.0);
         for (index, keep) in [(coarsest, FINALISTS), (second, 1)] {
             let began = Instant::now();
             let climb = |view: View| self.climb(index, &view, &start);
-            let mut climbs: Vec<Climb> = views.into_par_iter().filter_map(climb).collect();
-            climbs.sort_by(|a, b| b.similarity.1.total_cmp(&a.similarity.1));
+            let climbs: Vec<Climb> = views.into_par_iter().filter_map(climb).collect();
+            let rank = |climb: &Climb| {
+                let evidence = self.evidence(&mut Workspace::default(), &climb.view);
+                climb.similarity.1 + evidence.map_or(0.0, Evidence::total)
+            };
+            let mut ranked: Vec<(f64, Climb)> = climbs.into_par_iter().map(|climb| (rank(&climb), climb)).collect();
+            ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let climbs: Vec<Climb> = ranked.into_iter().map(|(_, climb)| climb).collect();
             let best = climbs.first().ok_or(Error::NothingVisible)?;
             let evaluations = climbs.iter().map(|climb| climb.evaluations).sum();
             let renderings = climbs.iter().map(|climb| climb.renderings).sum();
@@ -168,10 +177,7 @@ impl<'a> Registration<'a> {
     /// The start and other views that might lie in the right basin; how many were looked at, and the evidence for the start
     /// and for the best.
     fn hypotheses(&self, start: &View) -> Option<(Vec<View>, usize, (f64, f64))> {
-        let evidence = |workspace: &mut Workspace, view: &View| {
-            self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
-        };
-        let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, |evidence| evidence.near];
+        let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
         let search = Search { seed: self.options.seed, ..Search::default() };
         let level = self.levels.last()?;
         let seen =
@@ -181,7 +187,7 @@ impl<'a> Registration<'a> {
         let mut looked = 0;
         let mut best = 0.0;
         for (k, criterion) in criteria.into_iter().enumerate() {
-            let score = |workspace: &mut Workspace, view: &View| evidence(workspace, view).map(criterion);
+            let score = |workspace: &mut Workspace, view: &View| self.evidence(workspace, view).map(criterion);
             let found = search.around(start, &region, score);
             looked += found.len();
             best = found.first().map_or(best, |(score, _)| *score);
@@ -194,8 +200,12 @@ impl<'a> Registration<'a> {
                 }
             }
         }
-        let before = evidence(&mut Workspace::default(), start).map_or(0.0, |evidence| evidence.near);
+        let before = self.evidence(&mut Workspace::default(), start).map_or(0.0, Evidence::total);
         Some((views, looked, (before, best)))
+    }
+
+    fn evidence(&self, workspace: &mut Workspace, view: &View) -> Option<Evidence> {
+        self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
     }
 
     /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none

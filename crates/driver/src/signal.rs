@@ -18,9 +18,16 @@ pub struct Surfel<'a> {
 
 impl Surfel<'_> {
     /// The interpolated, unnormalized normal in the model's frame.
+    #[inline]
     fn normal(&self) -> Vector3<f32> {
-        let normals = self.corners.map(|i| Vector3::from(self.mesh.normals[i as usize]));
-        normals.iter().zip(self.weights).map(|(normal, weight)| normal * weight).sum()
+        let mut sum = [0.0; 3];
+        for (corner, weight) in self.corners.into_iter().zip(self.weights) {
+            let normal = &self.mesh.normals[corner as usize];
+            for k in 0..3 {
+                sum[k] += weight * normal[k];
+            }
+        }
+        sum.into()
     }
 
     /// The interpolated value of a vertex attribute.
@@ -51,9 +58,13 @@ impl Signal for Normals {
     }
 
     fn bin(&self, point: &Surfel) -> usize {
-        let normal = (point.camera_from_mesh * point.normal()).normalize();
-        let step = |component: f32| equal_step(0.5 * (component + 1.0), self.steps);
-        step(normal.y) * self.steps + step(normal.x)
+        let normal = point.normal();
+        let half = 0.5 / normal.norm();
+        let step = |row: usize| {
+            let component = (0..3).map(|k| point.camera_from_mesh[(row, k)] * normal[k]).sum::<f32>();
+            equal_step(half * component + 0.5, self.steps)
+        };
+        step(1) * self.steps + step(0)
     }
 }
 
