@@ -28,7 +28,7 @@ pub(crate) struct Search {
 }
 
 /// What a view's squared distance from the start costs, in standard deviations and nats: far views must be that much better.
-const DOUBT: f64 = 0.003;
+const DOUBT: f64 = 0.01;
 
 impl Default for Search {
     fn default() -> Self {
