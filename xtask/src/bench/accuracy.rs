@@ -2,15 +2,21 @@
 //!
 //! A case is a folder with `model.ply`, photos, `truth.json`, and `initial.json` or `correspondences.json`. Displacements are
 //! means over the visible surface points of the truth, in pixels of the photo.
+//!
+//! `starts.json`, where a case has it, lists starts and where MeshLab's mutual information filter ended from each, as means over
+//! all vertices; those starts are scored the same way, and the last column says how often we end at least as near.
 
 use super::{Arguments, Report, Row};
 use anyhow::{Context, Result};
-use nalgebra::{Rotation3, UnitVector3, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitVector3, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use texreg::camera::View;
-use texreg::driver::{Model, Options, Photo, Refine, Registration, Truth, read_cameras, read_pairs, read_truth, score};
+use texreg::driver::{
+    Model, Options, Photo, Refine, Registration, TruePhoto, read_cameras, read_pairs, read_truth, score,
+};
 use texreg::lie::Pose;
 use texreg::surface::Mesh;
 
@@ -23,18 +29,28 @@ struct Run {
     tolerance: f64,
     evaluations: usize,
     milliseconds: f64,
+    /// Where MeshLab's filter ended from the same start.
+    peer: Option<f64>,
+}
+
+/// Displacements that differ by less are a draw.
+const DRAW: f64 = 0.05;
+
+impl Run {
+    fn holds_its_own(&self) -> Option<bool> {
+        Some(self.end <= self.peer? + DRAW)
+    }
 }
 
 /// Runs every case and prints one line for each and each kind of start.
 pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
-    let seeds = if arguments.quick { 2 } else { 10 };
     println!(
-        "{:18} {:10} {:>4} {:>8} {:>8} {:>8} {:>6} {:>6} {:>6} {:>6} {:>7}",
+        "{:18} {:12} {:>4} {:>8} {:>8} {:>8} {:>6} {:>6} {:>6} {:>6} {:>7}",
         "case", "start", "runs", "from px", "to px", "worst", "<1 px", "<4 px", "<0.2%", "evals", "ms"
     );
     let mut all = Vec::new();
     for folder in case_folders(arguments)? {
-        let runs = run_case(&folder, seeds).with_context(|| folder.display().to_string())?;
+        let runs = run_case(&folder, arguments).with_context(|| folder.display().to_string())?;
         let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
         for (kind, group) in by_kind(&runs) {
             print_group(&name, kind, &group);
@@ -45,13 +61,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
     for (kind, group) in by_kind(&all) {
         print_group("all", kind, &group);
         rows.push(Row::alone(format!("lost from {kind}"), 100.0 * share(&group, |run| run.end >= run.tolerance), "%"));
+        if group.iter().any(|run| run.peer.is_some()) {
+            let worse = share(&group, |run| run.holds_its_own() == Some(false));
+            rows.push(Row::alone(format!("worse than MeshLab's filter from {kind}"), 100.0 * worse, "%"));
+        }
     }
     Ok(Report::new("accuracy", rows))
 }
 
 fn print_group(case: &str, kind: &str, runs: &[&Run]) {
-    println!(
-        "{case:18} {kind:10} {:4} {:8.1} {:8.2} {:8.1} {:5.0}% {:5.0}% {:5.0}% {:6.0} {:7.0}",
+    print!(
+        "{case:18} {kind:12} {:4} {:8.1} {:8.2} {:8.1} {:5.0}% {:5.0}% {:5.0}% {:6.0} {:7.0}",
         runs.len(),
         median(runs, |run| run.start),
         median(runs, |run| run.end),
@@ -62,25 +82,33 @@ fn print_group(case: &str, kind: &str, runs: &[&Run]) {
         median(runs, |run| run.evaluations as f64),
         median(runs, |run| run.milliseconds),
     );
+    if runs.iter().any(|run| run.peer.is_some()) {
+        let peer = median(runs, |run| run.peer.unwrap_or(f64::INFINITY));
+        print!("  MeshLab {peer:.2}, no worse {:.0}%", 100.0 * share(runs, |run| run.holds_its_own() == Some(true)));
+    }
+    println!();
 }
 
-fn run_case(folder: &Path, seeds: u64) -> Result<Vec<Run>> {
+fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
     let truth = read_truth(&folder.join("truth.json"))?;
     let mesh = texreg::surface::load(folder.join("model.ply"))?;
     let initial = folder.join("initial.json");
     let initial = if initial.exists() { Some(read_cameras(&initial)?) } else { None };
     let pairs = folder.join("correspondences.json");
     let pairs = if pairs.exists() { read_pairs(&pairs)? } else { Vec::new() };
+    let starts = folder.join("starts.json");
+    let starts =
+        if starts.exists() { serde_json::from_slice::<Starts>(&std::fs::read(&starts)?)?.starts } else { Vec::new() };
     let mut runs = Vec::new();
     let model = Model::new(&mesh, &[])?;
     let options = Options::default();
     let refining = Options { refine: Refine { focal: true, ..Refine::default() }, ..Options::default() };
-    for (index, true_photo) in truth.photos.iter().enumerate() {
+    for true_photo in &truth.photos {
         let photo = Photo::load(folder.join(&true_photo.file))?;
         let fixed = Registration::new(&model, &photo, &options);
         let refining = Registration::new(&model, &photo, &refining);
         let mut record = |kind: &str, registration: &Registration, start: View| {
-            runs.push(register(kind, registration, &truth, index, &start));
+            runs.push(register(kind, registration, true_photo, truth.diagonal, &start));
         };
         record("truth", &fixed, true_photo.view);
         if let Some(entry) = initial.as_ref().and_then(|file| file.entry(&true_photo.file)) {
@@ -93,6 +121,21 @@ fn run_case(folder: &Path, seeds: u64) -> Result<Vec<Run>> {
                 record("pairs", &fixed, solution.view);
             }
         }
+        if starts.iter().any(|start| start.camera.file == true_photo.file) {
+            let vertices = (0..mesh.positions.len()).map(|i| mesh.point(i)).collect();
+            let over_vertices = TruePhoto { visible: vertices, ..true_photo.clone() };
+            let of_photo = starts.iter().filter(|start| start.camera.file == true_photo.file);
+            for start in of_photo.take(if arguments.quick { 10 } else { usize::MAX }) {
+                let view = View { camera: true_photo.view.camera, pose: start.camera.pose() };
+                let kind = format!("starts {}", start.level);
+                let run = register(&kind, &fixed, &over_vertices, truth.diagonal, &view);
+                runs.push(Run { peer: Some(start.meshlab_px), ..run });
+            }
+        }
+        let mut record = |kind: &str, registration: &Registration, start: View| {
+            runs.push(register(kind, registration, true_photo, truth.diagonal, &start));
+        };
+        let seeds = if arguments.quick { 2 } else { 10 };
         for level in [2.0, 5.0, 10.0] {
             for seed in 0..seeds {
                 let start = perturbed(&mesh, &true_photo.view, level, seed);
@@ -103,42 +146,12 @@ fn run_case(folder: &Path, seeds: u64) -> Result<Vec<Run>> {
     Ok(runs)
 }
 
-fn register(kind: &str, registration: &Registration, truth: &Truth, index: usize, start: &View) -> Run {
-    let photo = &truth.photos[index];
+fn register(kind: &str, registration: &Registration, photo: &TruePhoto, diagonal: f64, start: &View) -> Run {
     let camera = photo.view.camera;
     let started = Instant::now();
     let outcome = registration.run(start, &mut |_| ());
     let milliseconds = started.elapsed().as_secs_f64() * 1e3;
-    if std::env::var("DBG").is_ok()
-        && let Ok(o) = &outcome
-    {
-        let mut v: Vec<(f64, f64)> = photo
-            .visible
-            .iter()
-            .filter_map(|p| {
-                let d = o.view.project(p)? - photo.view.project(p)?;
-                Some((d.x, d.y))
-            })
-            .collect();
-        let n = v.len() as f64;
-        let m = (v.iter().map(|d| d.0).sum::<f64>() / n, v.iter().map(|d| d.1).sum::<f64>() / n);
-        v.sort_by(|a, b| a.0.total_cmp(&b.0));
-        eprintln!(
-            "{kind} mean displacement {:.2} {:.2}  x range {:.2} {:.2}  focal {:.2}%",
-            m.0,
-            m.1,
-            v[0].0,
-            v[v.len() - 1].0,
-            score(photo, truth.diagonal, &o.view).focal_pct
-        );
-        for s in &o.stages {
-            eprintln!(
-                "   {} {} evals {} renders {:.4} -> {:.4}  {:.0} ms",
-                s.name, s.evaluations, s.renderings, s.similarity.0, s.similarity.1, s.milliseconds
-            );
-        }
-    }
-    let distance = |view: &View| score(photo, truth.diagonal, view).mean_px;
+    let distance = |view: &View| score(photo, diagonal, view).mean_px;
     Run {
         kind: kind.to_string(),
         start: distance(start),
@@ -146,6 +159,36 @@ fn register(kind: &str, registration: &Registration, truth: &Truth, index: usize
         tolerance: 0.002 * f64::from(camera.width).hypot(f64::from(camera.height)),
         evaluations: outcome.as_ref().map_or(0, |outcome| outcome.evaluations()),
         milliseconds,
+        peer: None,
+    }
+}
+
+/// `starts.json`.
+#[derive(Deserialize)]
+struct Starts {
+    starts: Vec<Start>,
+}
+
+/// A start, and where MeshLab's filter ended from it.
+#[derive(Deserialize)]
+struct Start {
+    level: String,
+    camera: StartCamera,
+    meshlab_px: f64,
+}
+
+#[derive(Deserialize)]
+#[allow(non_snake_case)]
+struct StartCamera {
+    file: String,
+    R: [[f64; 3]; 3],
+    T: [f64; 3],
+}
+
+impl StartCamera {
+    fn pose(&self) -> Pose {
+        let matrix = Matrix3::from_fn(|row, column| self.R[row][column]);
+        Pose::new(Rotation3::from_matrix(&matrix), self.T.into())
     }
 }
 
