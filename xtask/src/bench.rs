@@ -1,6 +1,7 @@
 //! What the benchmarks share: their arguments, and a report as a table or as JSON.
 
 mod accuracy;
+mod calibrate;
 mod load;
 mod pnp;
 mod raster;
@@ -33,6 +34,7 @@ pub(crate) struct Arguments {
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Name {
     Accuracy,
+    Calibrate,
     Load,
     Pnp,
     Raster,
@@ -43,6 +45,7 @@ enum Name {
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report: Report = match arguments.name {
         Name::Accuracy => accuracy::run(arguments)?,
+        Name::Calibrate => calibrate::run(arguments)?,
         Name::Load => load::run(arguments)?,
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,
