@@ -61,7 +61,11 @@ pub fn detect(image: &Image, board: &Board) -> Option<Sighting> {
         let Some(level) = level(i) else { continue };
         for (placed, grid, is_full) in look(&level, board) {
             let placed: Vec<Placed> = placed.into_iter().map(|(cell, corner)| (cell, enlarged(&corner, i))).collect();
-            let sighting = Sighting { corners: pinpoint(image, &placed), grid, is_full };
+            let sighting = Sighting {
+                corners: pinpoint(image, &placed, WIDEST * f64::from(1u32 << i).max(2.0) / 2.0),
+                grid,
+                is_full,
+            };
             // A few corners more from a level that fits less may be none, unless they make the board whole.
             let (found, before) =
                 (sighting.corners.len(), best.as_ref().map_or(0, |other: &Sighting| other.corners.len()));
@@ -84,8 +88,11 @@ pub fn detect(image: &Image, board: &Board) -> Option<Sighting> {
 /// The boards of a level: their corners on the board, the size of the grid and whether it has no gaps.
 fn look(level: &Image, board: &Board) -> Vec<(Vec<Placed>, (usize, usize), bool)> {
     let near = candidates(level);
-    let corners: Vec<Corner> =
-        near.iter().filter_map(|&(x, y)| Corner::measure(level, Point2::new(x as f64, y as f64))).collect();
+    let corners: Vec<Corner> = near
+        .par_iter()
+        .with_min_len(64)
+        .filter_map(|&(x, y)| Corner::measure(level, Point2::new(x as f64, y as f64)))
+        .collect();
     let limits = (board.columns.max(board.rows), board.columns.min(board.rows));
     let grids = grids(level, &corners, limits);
     let seen = grids.iter().map(|grid| {
@@ -102,14 +109,14 @@ fn enlarged(corner: &Corner, level: usize) -> Corner {
     Corner { at: at.into(), ..*corner }
 }
 
-/// The corners to a fraction of a pixel.
-fn pinpoint(image: &Image, placed: &[Placed]) -> Vec<BoardCorner> {
+/// The corners to a fraction of a pixel, each from the pixels within a radius of at most `widest`.
+fn pinpoint(image: &Image, placed: &[Placed], widest: f64) -> Vec<BoardCorner> {
     let at = |cell: (usize, usize)| placed.iter().find(|(other, _)| *other == cell).map(|(_, corner)| corner.at);
     let refined = placed.par_iter().with_min_len(16).filter_map(|((column, row), corner)| {
         let (c, r) = (*column, *row);
         let neighbours = [(c + 1, r), (c, r + 1), (c.wrapping_sub(1), r), (c, r.wrapping_sub(1))];
         let spacing = neighbours.into_iter().filter_map(at).map(|n| (n - corner.at).norm()).min_by(f64::total_cmp)?;
-        let radius = (WINDOW * spacing).clamp(2.5, WIDEST);
+        let radius = (WINDOW * spacing).clamp(2.5, widest);
         let pixel = refine(image, corner, radius)?;
         ((pixel - corner.at).norm() < 0.15 * spacing).then_some(BoardCorner { column: c, row: r, pixel })
     });
@@ -119,5 +126,5 @@ fn pinpoint(image: &Image, placed: &[Placed]) -> Vec<BoardCorner> {
 /// The radius of the pixels a corner is fitted to, as a share of the distance to the nearest other corner.
 const WINDOW: f64 = 0.4;
 
-/// Its most, in pixels.
+/// Its most, in pixels; in large images, which are hardly sharp to the pixel, it grows with their size.
 const WIDEST: f64 = 8.0;

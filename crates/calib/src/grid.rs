@@ -8,6 +8,7 @@
 use crate::corner::Corner;
 use crate::{Image, homography};
 use nalgebra::{Point2, Vector2};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Corners by their place in the grid: x along the board's one direction, y along the other, a quarter turn clockwise.
@@ -20,6 +21,9 @@ pub(crate) struct Grid {
 
 /// How far an edge may be from the line to the neighbour, radians.
 const ASTRAY: f64 = 0.35;
+
+/// The squared cosine of that.
+const ALONG: f64 = 0.882;
 
 /// How many corners along an edge are tried before it is said to have no neighbour.
 const TRIES: usize = 3;
@@ -64,9 +68,25 @@ pub(crate) fn grids(image: &Image, corners: &[Corner], limits: (usize, usize)) -
 /// The neighbour along each of a corner's edges, and the edge of the neighbour that leads back.
 type Links = Vec<[Option<(usize, usize)>; 4]>;
 
+/// The directions of a corner's two lines.
+struct Lines([Vector2<f64>; 2]);
+
+impl Lines {
+    fn new(corner: &Corner) -> Self {
+        Self([0, 1].map(|i| Vector2::new(corner.edges[i].cos(), corner.edges[i].sin())))
+    }
+
+    /// The edge along which a gap of this squared length lies.
+    fn edge(&self, gap: &Vector2<f64>, square: f64) -> Option<usize> {
+        let along = [self.0[0].dot(gap), self.0[1].dot(gap)];
+        let line = usize::from(along[1].abs() > along[0].abs());
+        (along[line] * along[line] > ALONG * square).then_some(if along[line] > 0.0 { line } else { line + 2 })
+    }
+}
+
 fn links(image: &Image, corners: &[Corner]) -> Links {
-    let mut nearest: Links = vec![[None; 4]; corners.len()];
-    for (a, corner) in corners.iter().enumerate() {
+    let lines: Vec<Lines> = corners.iter().map(Lines::new).collect();
+    let nearest = |(a, corner): (usize, &Corner)| {
         // The nearest few along each edge.
         let mut along: [Vec<(f64, usize, usize)>; 4] = Default::default();
         for (b, other) in corners.iter().enumerate() {
@@ -75,28 +95,25 @@ fn links(image: &Image, corners: &[Corner]) -> Links {
             if a == b || distance < 9.0 {
                 continue;
             }
-            let full = |list: &Vec<(f64, usize, usize)>| list.len() == TRIES && list[TRIES - 1].0 <= distance;
-            if along.iter().all(full) {
-                continue;
-            }
-            let angle = gap.y.atan2(gap.x);
-            let (edge, off) = corner.edge_towards(angle);
-            if off > ASTRAY || full(&along[edge]) {
-                continue;
-            }
-            let (back, off) = other.edge_towards(angle + std::f64::consts::PI);
-            if off > ASTRAY || (edge + back).is_multiple_of(2) || !alike(corner, other) {
-                continue;
-            }
+            let Some(edge) = lines[a].edge(&gap, distance) else { continue };
             let list = &mut along[edge];
-            list.insert(list.partition_point(|entry| entry.0 <= distance), (distance, b, back));
-            list.truncate(TRIES);
+            if list.len() == TRIES && list[TRIES - 1].0 <= distance {
+                continue;
+            }
+            let Some(back) = lines[b].edge(&-gap, distance) else { continue };
+            if !(edge + back).is_multiple_of(2) && alike(corner, other) {
+                list.insert(list.partition_point(|entry| entry.0 <= distance), (distance, b, back));
+                list.truncate(TRIES);
+            }
         }
-        for (edge, list) in along.iter().enumerate() {
+        let mut edge = 0..;
+        along.map(|list| {
+            let edge = edge.next()?;
             let separated = list.iter().find(|(_, b, _)| separates(image, corner, &corners[*b].at, edge));
-            nearest[a][edge] = separated.map(|&(_, b, back)| (b, back));
-        }
-    }
+            separated.map(|&(_, b, back)| (b, back))
+        })
+    };
+    let nearest: Links = corners.par_iter().enumerate().with_min_len(32).map(nearest).collect();
     let mutual = |a: usize, edge: usize| nearest[a][edge].filter(|&(b, back)| nearest[b][back] == Some((a, edge)));
     (0..corners.len()).map(|a| std::array::from_fn(|edge| mutual(a, edge))).collect()
 }
@@ -196,7 +213,7 @@ impl Grid {
             .iter()
             .map(|&(_, (dx, dy))| (Point2::new(f64::from(dx), f64::from(dy)), self.cells[&(x + dx, y + dy)].at))
             .collect();
-        homography::apply(&homography::dlt(&pairs)?, &Point2::origin())
+        homography::at_origin(&pairs)
     }
 
     /// Drops corners with a single neighbour: every corner of a board has two.

@@ -36,6 +36,26 @@ pub(crate) fn dlt(pairs: &[(Point2<f64>, Point2<f64>)]) -> Option<Matrix3<f64>> 
     finished(h)
 }
 
+/// Where the homography of some pairs takes the plane's origin: linear least squares with H's last entry 1, which is
+/// sound as the origin is seen where λ > 0. For plane coordinates of order one around it.
+pub(crate) fn at_origin(pairs: &[(Point2<f64>, Point2<f64>)]) -> Option<Point2<f64>> {
+    let near = pairs.first()?.1;
+    let scale = pairs.iter().map(|(_, q)| (q - near).amax()).fold(0.0, f64::max);
+    let mut normal = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = SVector::<f64, 8>::zeros();
+    for (p, q) in pairs {
+        let (x, y, q) = (p.x, p.y, (q - near) / scale);
+        let a = SVector::from([x, y, 1.0, 0.0, 0.0, 0.0, -q.x * x, -q.x * y]);
+        let b = SVector::from([0.0, 0.0, 0.0, x, y, 1.0, -q.y * x, -q.y * y]);
+        normal.ger(1.0, &a, &a, 1.0);
+        normal.ger(1.0, &b, &b, 1.0);
+        right += a * q.x + b * q.y;
+    }
+    let h = normal.cholesky()?.solve(&right);
+    let point = near + nalgebra::Vector2::new(h[2], h[5]) * scale;
+    (pairs.len() >= 4 && point.x.is_finite() && point.y.is_finite()).then_some(point)
+}
+
 /// The homography that minimizes the error in the image.
 pub(crate) fn fit(pairs: &[(Point2<f64>, Point2<f64>)]) -> Option<Matrix3<f64>> {
     let mut h = dlt(pairs)?;
@@ -88,11 +108,12 @@ mod tests {
         for h in [dlt(&pairs), fit(&pairs)] {
             assert!((h.unwrap() - truth).norm() < 1e-8 * truth.norm());
         }
+        assert!((at_origin(&pairs).unwrap() - Point2::new(300.0, 250.0)).norm() < 1e-6);
     }
 
     #[test]
     fn points_on_a_line_have_none() {
         let line: Vec<_> = (0..8).map(|i| (Point2::new(f64::from(i), 0.0), Point2::new(f64::from(i), 1.0))).collect();
-        assert_eq!(dlt(&line), None);
+        assert_eq!((dlt(&line), at_origin(&line)), (None, None));
     }
 }

@@ -12,6 +12,7 @@
 //! The paper's third term, the mean response against lines, is left to the closer look every candidate gets.
 
 use crate::Image;
+use rayon::prelude::*;
 
 /// The ring's radius in pixels.
 pub(crate) const RADIUS: usize = 5;
@@ -95,13 +96,15 @@ fn response(image: &Image) -> Vec<i16> {
     let grey: Vec<i16> = image.values().iter().map(|v| (v.clamp(0.0, 1.0) * WHITE) as i16).collect();
     let mut response = vec![0; width * height];
     let count = width - 2 * RADIUS;
-    for y in RADIUS..height - RADIUS {
+    response.par_chunks_mut(width).enumerate().with_min_len(32).for_each(|(y, row)| {
+        if y < RADIUS || y >= height - RADIUS {
+            return;
+        }
         let ring: [&[i16]; 16] = RING.map(|(dx, dy)| {
-            let start = (y.wrapping_add_signed(dy)) * width + RADIUS.wrapping_add_signed(dx);
+            let start = y.wrapping_add_signed(dy) * width + RADIUS.wrapping_add_signed(dx);
             &grey[start..start + count]
         });
-        let out = &mut response[y * width + RADIUS..][..count];
-        for (x, out) in out.iter_mut().enumerate() {
+        for (x, out) in row[RADIUS..RADIUS + count].iter_mut().enumerate() {
             let i = |n: usize| ring[n][x];
             let mut sum = 0;
             for n in 0..4 {
@@ -112,6 +115,6 @@ fn response(image: &Image) -> Vec<i16> {
             }
             *out = sum;
         }
-    }
+    });
     response
 }
