@@ -63,12 +63,12 @@ impl<'a> Model<'a> {
 /// The joint signal of these names.
 fn signal(mesh: &Mesh, names: &[SignalName]) -> Result<Box<dyn Signal>, Error> {
     let has = |name| names.contains(&name);
-    let joint = Ranked::reflectance(mesh, 5).map(|reflectance| Both(reflectance, Normals { steps: 4 }));
+    let joint = Ranked::reflectance(mesh, 5).map(|reflectance| Both(reflectance, Normals { steps: 6 }));
     let alone = Ranked::reflectance(mesh, 16);
     Ok(match (has(SignalName::Normals), has(SignalName::Reflectance), joint, alone) {
         (true, true, Some(joint), _) | (false, false, Some(joint), _) => Box::new(joint),
         (false, true, _, Some(alone)) => Box::new(alone),
         (_, true, _, _) => return Err(Error::NoReflectance),
-        (_, false, _, _) => Box::new(Normals { steps: 5 }),
+        (_, false, _, _) => Box::new(Normals { steps: 10 }),
     })
 }

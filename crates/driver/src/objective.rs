@@ -192,3 +192,89 @@ impl Sums {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RotationName;
+    use crate::options::MetricName;
+    use nalgebra::Rotation3;
+    use texreg_camera::{Distortion, Intrinsics};
+    use texreg_lie::Pose;
+    use texreg_mi::Parzen;
+    use texreg_optim::Manifold;
+
+    /// A bumpy sheet inside a smooth picture, and bins that have to do with what is seen.
+    fn scene() -> (View, Level, SurfaceSamples) {
+        let (width, height) = (160, 120);
+        let camera = Camera {
+            width,
+            height,
+            intrinsics: Intrinsics { fx: 150.0, fy: 152.0, cx: 81.0, cy: 58.5, skew: 0.3 },
+            distortion: Distortion::from([-0.1, 0.03, 0.001, -0.002, 0.01]),
+        };
+        let pose = Pose::new(Rotation3::from_euler_angles(0.2, -0.3, 0.1), Vector3::new(0.02, -0.05, 2.4));
+        let at = |x: f32, y: f32| 0.5 + 0.3 * (0.11 * x).sin() * (0.13 * y).cos() + 0.1 * (0.05 * (x - y)).sin();
+        let values: Vec<f32> = (0..width * height).map(|i| at((i % width) as f32, (i / width) as f32)).collect();
+        let points: Vec<Point3<f64>> = (0..6_000)
+            .map(|i| {
+                let (x, y) = (f64::from(i % 80) / 40.0 - 1.0, f64::from(i / 80) / 37.5 - 1.0);
+                Point3::new(0.8 * x, 0.6 * y, 0.2 * (3.0 * x).sin() * (2.0 * y).cos())
+            })
+            .collect();
+        let bins = points.iter().map(|p| (3.0 + 2.0 * (4.0 * p.x).sin() + 1.5 * (5.0 * p.y).cos()) as u16).collect();
+        let covered = points.len();
+        (View { camera, pose }, Level::new(1.0, 160, 120, &values), SurfaceSamples { points, bins, covered })
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences_in_every_chart() {
+        let (view, level, samples) = scene();
+        let density = Parzen { model_bins: 7, photo_bins: 16 };
+        let refine = Refine { focal: true, principal: true, distortion: true };
+        let mut expected = view.camera;
+        expected.intrinsics.fx *= 1.01;
+        let prior = Prior { camera: expected, weight: 1e-2 };
+        for &rotation in RotationName::ALL {
+            let space = ViewSpace { rotation: rotation.chart(), refine };
+            let metric = MetricName::MutualInformation.metric();
+            let mut objective = PhotoObjective::new(&samples, &level, &density, metric, &space, prior);
+            let gradient = objective.derivatives(&view).gradient;
+            assert_eq!(gradient.len(), space.dimension());
+            for k in 0..gradient.len() {
+                // Values are of single precision: each step moves the picture by a hundredth of a pixel or so.
+                let reach = match k + 14 - space.dimension() {
+                    7 | 8 => 1e-2,
+                    9.. => 2e-3,
+                    _ => 1e-4,
+                };
+                let mut along = |amount: f64| {
+                    let mut step = DVector::zeros(space.dimension());
+                    step[k] = amount;
+                    objective.value(&space.retract(&view, &step).unwrap()).unwrap()
+                };
+                let central = |h: f64, along: &mut dyn FnMut(f64) -> f64| (along(h) - along(-h)) / (2.0 * h);
+                let slope = (4.0 * central(reach, &mut along) - central(2.0 * reach, &mut along)) / 3.0;
+                let scale = gradient[k].abs().max(1e-2 * gradient.amax());
+                assert!(
+                    (gradient[k] - slope).abs() < 2e-3 * scale,
+                    "{rotation}, component {k}: {} against {slope}",
+                    gradient[k]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_curvature_is_positive_and_symmetric() {
+        let (view, level, samples) = scene();
+        let density = Parzen { model_bins: 7, photo_bins: 16 };
+        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default() };
+        let prior = Prior { camera: view.camera, weight: 0.0 };
+        let metric = MetricName::MutualInformation.metric();
+        let curvature =
+            PhotoObjective::new(&samples, &level, &density, metric, &space, prior).derivatives(&view).curvature;
+        assert_eq!(curvature, curvature.transpose());
+        assert!(curvature.symmetric_eigenvalues().min() > 0.0);
+    }
+}

@@ -87,7 +87,7 @@ struct Effort {
 const EFFORTS: [Effort; 3] = [
     Effort { samples: 3_000, renderings: 2, iterations: 10, gain: 1e-4 },
     Effort { samples: 8_000, renderings: 3, iterations: 10, gain: 1e-4 },
-    Effort { samples: 20_000, renderings: 4, iterations: 15, gain: 1e-5 },
+    Effort { samples: 30_000, renderings: 4, iterations: 15, gain: 1e-5 },
 ];
 
 /// A view that climbed, and how.

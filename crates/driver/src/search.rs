@@ -32,7 +32,7 @@ const DOUBT: f64 = 0.01;
 
 impl Default for Search {
     fn default() -> Self {
-        Self { rounds: 6, views: 100, elite: 15, deviation: 0.08, seed: 0 }
+        Self { rounds: 5, views: 100, elite: 15, deviation: 0.08, seed: 0 }
     }
 }
 
