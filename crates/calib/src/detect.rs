@@ -3,7 +3,7 @@
 
 use crate::board::{Placed, place};
 use crate::corner::Corner;
-use crate::grid::grids;
+use crate::grid::grid;
 use crate::refine::refine;
 use crate::response::candidates;
 use crate::{Board, BoardCorner, Image};
@@ -40,38 +40,29 @@ const SMALLEST: usize = 60;
 /// Corners are those of dark and bright squares meeting; which of several equivalent ways a board is indexed by is
 /// settled by its dark first square and by x pointing to the right. Needs squares of about 8 pixels and more.
 pub fn detect(image: &Image, board: &Board) -> Option<Sighting> {
-    let mut smaller: Vec<(usize, usize, Vec<f32>)> = Vec::new();
-    loop {
-        let last = smaller.last().map_or(Some(*image), |(w, h, values)| Image::new(*w, *h, values))?;
-        if last.width().min(last.height()) < 2 * SMALLEST {
-            break;
-        }
-        smaller.push(last.halved());
-    }
-    let level = |i: usize| match i.checked_sub(1) {
-        None => Some(*image),
-        Some(i) => smaller.get(i).and_then(|(w, h, values)| Image::new(*w, *h, values)),
-    };
-    let longest = |i: usize| image.width().max(image.height()) >> i;
-    let first = (0..=smaller.len()).find(|&i| longest(i) <= COMFORTABLE).unwrap_or(smaller.len());
+    let shortest = image.width().min(image.height());
+    let last = (0..16).take_while(|i| shortest >> i >= SMALLEST).last()?;
+    let first = (0..last).find(|i| image.width().max(image.height()) >> i <= COMFORTABLE).unwrap_or(last);
     // Blurred boards show on smaller levels, small ones on larger levels.
-    let order = std::iter::once(first).chain(first + 1..=smaller.len()).chain((0..first).rev());
+    let order = (first..=last).chain((0..first).rev());
+    let mut smaller: Vec<(usize, usize, Vec<f32>)> = Vec::new();
     let mut best: Option<Sighting> = None;
     for i in order {
-        let Some(level) = level(i) else { continue };
-        for (placed, grid, is_full) in look(&level, board) {
-            let placed: Vec<Placed> = placed.into_iter().map(|(cell, corner)| (cell, enlarged(&corner, i))).collect();
-            let sighting = Sighting {
-                corners: pinpoint(image, &placed, WIDEST * f64::from(1u32 << i).max(2.0) / 2.0),
-                grid,
-                is_full,
-            };
-            // A few corners more from a level that fits less may be none, unless they make the board whole.
-            let (found, before) =
-                (sighting.corners.len(), best.as_ref().map_or(0, |other: &Sighting| other.corners.len()));
-            if 8 * found > 9 * before || (found > before && found == board.corners()) {
-                best = Some(sighting);
-            }
+        while smaller.len() < i {
+            let last = smaller.last().map_or(Some(*image), |(w, h, values)| Image::new(*w, *h, values))?;
+            smaller.push(last.halved());
+        }
+        let level = match i.checked_sub(1) {
+            None => *image,
+            Some(i) => Image::new(smaller[i].0, smaller[i].1, &smaller[i].2)?,
+        };
+        let Some((placed, grid, is_full)) = look(&level, board) else { continue };
+        let placed: Vec<Placed> = placed.into_iter().map(|(cell, corner)| (cell, enlarged(&corner, i))).collect();
+        let sighting = Sighting { corners: pinpoint(image, &placed, WIDEST * f64::from(1u32 << i)), grid, is_full };
+        // A few corners more from a level that fits less may be none, unless they make the board whole.
+        let (found, before) = (sighting.corners.len(), best.as_ref().map_or(0, |other| other.corners.len()));
+        if 8 * found > 9 * before || (found > before && found == board.corners()) {
+            best = Some(sighting);
         }
         if best.as_ref().is_some_and(|sighting| sighting.corners.len() == board.corners()) {
             break;
@@ -85,8 +76,8 @@ pub fn detect(image: &Image, board: &Board) -> Option<Sighting> {
     (sighting.corners.len() >= 6 && spread(|c| c.column) && spread(|c| c.row)).then_some(sighting)
 }
 
-/// The boards of a level: their corners on the board, the size of the grid and whether it has no gaps.
-fn look(level: &Image, board: &Board) -> Vec<(Vec<Placed>, (usize, usize), bool)> {
+/// The board on a level: its corners on the board, the size of the grid and whether it has no gaps.
+fn look(level: &Image, board: &Board) -> Option<(Vec<Placed>, (usize, usize), bool)> {
     let near = candidates(level);
     let corners: Vec<Corner> = near
         .par_iter()
@@ -94,12 +85,10 @@ fn look(level: &Image, board: &Board) -> Vec<(Vec<Placed>, (usize, usize), bool)
         .filter_map(|&(x, y)| Corner::measure(level, Point2::new(x as f64, y as f64)))
         .collect();
     let limits = (board.columns.max(board.rows), board.columns.min(board.rows));
-    let grids = grids(level, &corners, limits);
-    let seen = grids.iter().map(|grid| {
-        let (width, height) = grid.size();
-        (place(grid, board, (level.width(), level.height())), (width, height), grid.cells.len() == width * height)
-    });
-    seen.collect()
+    let grid = grid(level, &corners, limits)?;
+    let (width, height) = grid.size();
+    let placed = place(&grid, board, (level.width(), level.height()));
+    Some((placed, (width, height), grid.cells.len() == width * height))
 }
 
 /// A corner of a level in the pixels of the image.

@@ -25,6 +25,9 @@ const ASTRAY: f64 = 0.35;
 /// The squared cosine of that.
 const ALONG: f64 = 0.882;
 
+/// How many of the corners around are looked at for neighbours, the nearest.
+const AROUND: usize = 48;
+
 /// How many corners along an edge are tried before it is said to have no neighbour.
 const TRIES: usize = 3;
 
@@ -37,32 +40,27 @@ const CONTRAST: f32 = 0.2;
 /// The fewest corners of a grid.
 const FEWEST: usize = 6;
 
-/// The grids of a picture, the largest first. They grow beyond what links join as long as they stay within `limits`,
-/// the longer and the shorter side of the board in corners.
-pub(crate) fn grids(image: &Image, corners: &[Corner], limits: (usize, usize)) -> Vec<Grid> {
+/// The largest grid of a picture. It grows beyond what links join as long as it stays within `limits`, the longer and the
+/// shorter side of the board in corners.
+pub(crate) fn grid(image: &Image, corners: &[Corner], limits: (usize, usize)) -> Option<Grid> {
     let links = links(image, corners);
     let mut taken = vec![false; corners.len()];
     let mut grids = Vec::new();
     for seed in 0..corners.len() {
-        if taken[seed] {
-            continue;
-        }
-        let grid = connected(corners, &links, seed, &mut taken);
-        if grid.cells.len() >= FEWEST {
-            grids.push(grid);
+        if !taken[seed] {
+            grids.push(connected(corners, &links, seed, &mut taken));
         }
     }
-    grids.sort_by_key(|grid| std::cmp::Reverse(grid.cells.len()));
-    // Only what could be the board is worth completing.
-    grids.truncate(3);
+    let largest = grids.iter().map(|grid| grid.cells.len()).max()?;
+    // A board in pieces: the piece that grows largest.
+    grids.retain(|grid| grid.cells.len() >= FEWEST && 2 * grid.cells.len() >= largest);
     for grid in &mut grids {
         grid.drop_astray();
         grid.complete(image, corners, limits);
         grid.prune();
         grid.trim(limits);
     }
-    grids.sort_by_key(|grid| std::cmp::Reverse(grid.cells.len()));
-    grids
+    grids.into_iter().rev().max_by_key(|grid| grid.cells.len())
 }
 
 /// The neighbour along each of a corner's edges, and the edge of the neighbour that leads back.
@@ -87,30 +85,33 @@ impl Lines {
 fn links(image: &Image, corners: &[Corner]) -> Links {
     let lines: Vec<Lines> = corners.iter().map(Lines::new).collect();
     let nearest = |(a, corner): (usize, &Corner)| {
+        let square = |b: usize| (corners[b].at - corner.at).norm_squared();
+        let mut around: Vec<(f64, usize)> = (0..corners.len()).map(|b| (square(b), b)).collect();
+        let by_distance = |x: &(f64, usize), y: &(f64, usize)| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1));
+        if around.len() > AROUND {
+            around.select_nth_unstable_by(AROUND, by_distance);
+            around.truncate(AROUND);
+        }
+        around.sort_unstable_by(by_distance);
         // The nearest few along each edge.
-        let mut along: [Vec<(f64, usize, usize)>; 4] = Default::default();
-        for (b, other) in corners.iter().enumerate() {
+        let mut along: [Vec<(usize, usize)>; 4] = Default::default();
+        for (distance, b) in around {
+            let other = &corners[b];
             let gap = other.at - corner.at;
-            let distance = gap.norm_squared();
-            if a == b || distance < 9.0 {
+            if distance < 9.0 {
                 continue;
             }
-            let Some(edge) = lines[a].edge(&gap, distance) else { continue };
-            let list = &mut along[edge];
-            if list.len() == TRIES && list[TRIES - 1].0 <= distance {
+            let (Some(edge), Some(back)) = (lines[a].edge(&gap, distance), lines[b].edge(&-gap, distance)) else {
                 continue;
-            }
-            let Some(back) = lines[b].edge(&-gap, distance) else { continue };
-            if !(edge + back).is_multiple_of(2) && alike(corner, other) {
-                list.insert(list.partition_point(|entry| entry.0 <= distance), (distance, b, back));
-                list.truncate(TRIES);
+            };
+            if !(edge + back).is_multiple_of(2) && along[edge].len() < TRIES && alike(corner, other) {
+                along[edge].push((b, back));
             }
         }
         let mut edge = 0..;
         along.map(|list| {
             let edge = edge.next()?;
-            let separated = list.iter().find(|(_, b, _)| separates(image, corner, &corners[*b].at, edge));
-            separated.map(|&(_, b, back)| (b, back))
+            list.into_iter().find(|(b, _)| separates(image, corner, &corners[*b].at, edge))
         })
     };
     let nearest: Links = corners.par_iter().enumerate().with_min_len(32).map(nearest).collect();
