@@ -26,7 +26,7 @@ const ASTRAY: f64 = 0.35;
 const ALONG: f64 = 0.882;
 
 /// How many of the corners around are looked at for neighbours, the nearest.
-const AROUND: usize = 48;
+const AROUND: usize = 24;
 
 /// How many corners along an edge are tried before it is said to have no neighbour.
 const TRIES: usize = 3;

@@ -40,8 +40,8 @@ const RING: [(isize, isize); 16] = [
 /// White in the integers the response is computed in: sums of eight differences still fit 16 bits.
 const WHITE: f32 = 4095.0;
 
-/// The least response: an ideal corner between squares that differ by about 2 % of white.
-const LEAST: i16 = 500;
+/// The least response: an ideal corner between squares that differ by about 3 % of white.
+const LEAST: i16 = 800;
 
 /// A candidate is the largest response this many pixels around.
 const REACH: usize = 3;
@@ -90,10 +90,18 @@ fn is_peak(response: &[i16], width: usize, x: usize, y: usize, value: i16) -> bo
     })
 }
 
+/// A grey value as a whole number, NaN as black. 2²³ added to a number leaves its whole part in the lowest bits, which is
+/// many times faster than a conversion that must mind every float.
+#[inline]
+fn quantized(value: f32) -> i16 {
+    let value = if value > 0.0 { value.min(1.0) } else { 0.0 };
+    (value * WHITE + 8_388_608.0).to_bits() as i16
+}
+
 /// R at every pixel, 0 near the border.
 fn response(image: &Image) -> Vec<i16> {
     let (width, height) = (image.width(), image.height());
-    let grey: Vec<i16> = image.values().iter().map(|v| (v.clamp(0.0, 1.0) * WHITE) as i16).collect();
+    let grey: Vec<i16> = image.values().iter().map(|v| quantized(*v)).collect();
     let mut response = vec![0; width * height];
     let count = width - 2 * RADIUS;
     response.par_chunks_mut(width).enumerate().with_min_len(32).for_each(|(y, row)| {

@@ -150,6 +150,8 @@ fn a_picture_of_nothing_shows_no_board() {
     let mut random = StdRng::seed_from_u64(2);
     let noise: Vec<f32> = (0..200 * 150).map(|_| random.random()).collect();
     assert_eq!(detect(&Image::new(200, 150, &noise).unwrap(), &BOARD), None);
+    let broken: Vec<f32> = noise.iter().map(|v| if *v < 0.1 { f32::NAN } else { 1e30 * (v - 0.5) }).collect();
+    assert_eq!(detect(&Image::new(200, 150, &broken).unwrap(), &BOARD), None);
     assert_eq!(detect(&Image::new(0, 0, &[]).unwrap(), &BOARD), None);
     assert!(Image::new(3, 3, &flat).is_none());
 }
