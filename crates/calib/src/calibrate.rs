@@ -85,6 +85,9 @@ const EVIDENCE: f64 = 10.0;
 /// A photo whose error is this many times the median of the photos' errors does not go with the others.
 const ODD: f64 = 3.0;
 
+/// And no photo with an error below this is left out, pixels.
+const HARMLESS: f64 = 0.2;
+
 /// The largest relative standard deviation of a focal length that is worth stating.
 const LOOSEST: f64 = 0.03;
 
@@ -177,7 +180,7 @@ fn odd(shots: &[Shot], fit: &Fit) -> Option<usize> {
     sorted.sort_by(f64::total_cmp);
     let median = sorted[sorted.len() / 2];
     let worst = (0..errors.len()).max_by(|a, b| errors[*a].total_cmp(&errors[*b]))?;
-    (errors[worst] > ODD * median && errors[worst] > 1e-6).then_some(worst)
+    (errors[worst] > ODD * median && errors[worst] > HARMLESS).then_some(worst)
 }
 
 /// Deviations, the fit of photos that were left out, and whether all that determines a camera.
