@@ -49,7 +49,7 @@ pub struct Registration<'a> {
 }
 
 /// Bins of the photo's values.
-const PHOTO_BINS: usize = 32;
+const PHOTO_BINS: usize = 20;
 
 /// The share of a photo's values at each end of their range that is not told apart.
 const TAIL: f64 = 0.005;
