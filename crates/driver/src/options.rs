@@ -5,7 +5,7 @@ use nalgebra::Rotation3;
 use std::fmt;
 use std::str::FromStr;
 use texreg_lie::{AxisAngle, Chart, Euler, InMatrices, InQuaternions, Left};
-use texreg_mi::{ConditionalEntropy, EntropyCorrelation, Metric, MutualInformation, NormalizedMutualInformation};
+use texreg_mi::{EntropyCorrelation, Metric, MutualInformation, NormalizedMutualInformation};
 
 /// The options of a registration. `Default` is the choice for a photo of which nothing is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,8 +63,6 @@ names! {
         Normalized = "nmi",
         /// The entropy correlation coefficient.
         EntropyCorrelation = "ecc",
-        /// Minus the conditional entropy of the photo given the model.
-        ConditionalEntropy = "ce",
     }
 }
 
@@ -113,7 +111,16 @@ impl MetricName {
             Self::MutualInformation => &MutualInformation,
             Self::Normalized => &NormalizedMutualInformation,
             Self::EntropyCorrelation => &EntropyCorrelation,
-            Self::ConditionalEntropy => &ConditionalEntropy,
+        }
+    }
+}
+
+impl MetricName {
+    /// The metric's value where the model tells nothing of the photo.
+    pub(crate) fn independent(self) -> f64 {
+        match self {
+            Self::Normalized => 1.0,
+            Self::MutualInformation | Self::EntropyCorrelation => 0.0,
         }
     }
 }

@@ -22,7 +22,7 @@ pub struct Stage {
     pub evaluations: usize,
     /// How often the model was rendered.
     pub renderings: usize,
-    /// The metric before and after for the view that came out best, over the stage's own samples.
+    /// The metric before and after for the view that came out best, over the stage's own samples; for the search, its evidence.
     pub similarity: (f64, f64),
     /// Wall-clock time.
     pub milliseconds: f64,

@@ -121,7 +121,7 @@ impl<'a> Registration<'a> {
         let mut stages = Vec::new();
         let mut tell = |stage: Stage, view: &View| {
             stages.push(stage);
-            observer(&Event { done: stages.len(), of: self.levels.len() + 1, view: self.model.outward(view) });
+            observer(&Event { done: stages.len(), of: 3 + second, view: self.model.outward(view) });
         };
 
         let began = Instant::now();
@@ -129,29 +129,34 @@ impl<'a> Registration<'a> {
         let name = format!("search 1/{}", self.overview.factor);
         tell(stage(name, began, 0, renderings, evidence), &start);
 
+        let independent = self.options.metric.independent();
         let mut rival = 0.0;
         let mut across_levels = (0.0, 0.0);
         for (index, keep) in [(coarsest, FINALISTS), (second, 1)] {
             let began = Instant::now();
-            let climb = |view: View| self.climb(index, &view, &start);
-            let climbs: Vec<Climb> = views.into_par_iter().filter_map(climb).collect();
-            let rank = |climb: &Climb| {
-                let evidence = self.evidence(&mut Workspace::default(), &climb.view);
-                climb.similarity.1 + evidence.map_or(0.0, Evidence::total)
-            };
-            let mut ranked: Vec<(f64, Climb)> = climbs.into_par_iter().map(|climb| (rank(&climb), climb)).collect();
-            ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let climbs: Vec<Climb> = ranked.into_iter().map(|(_, climb)| climb).collect();
+            let mut climbs: Vec<(f64, Climb)> = views
+                .into_par_iter()
+                .filter_map(|view| {
+                    let climb = self.climb(index, &view, &start)?;
+                    let evidence = self.evidence(&mut Workspace::default(), &climb.view);
+                    Some((climb.similarity.1 + evidence.map_or(0.0, Evidence::total), climb))
+                })
+                .collect();
+            climbs.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let climbs: Vec<Climb> = climbs.into_iter().map(|(_, climb)| climb).collect();
             let best = climbs.first().ok_or(Error::NothingVisible)?;
             let evaluations = climbs.iter().map(|climb| climb.evaluations).sum();
             let renderings = climbs.iter().map(|climb| climb.renderings).sum();
             tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view);
             if index == coarsest {
-                across_levels.0 = best.similarity.1;
+                across_levels.0 = best.similarity.1 - independent;
             }
             let elsewhere =
                 |climb: &&Climb| self.model.distance(&climb.view, &best.view) * self.levels[index].scale > APART;
-            rival = climbs.iter().find(elsewhere).map_or(0.0, |climb| climb.similarity.1 / best.similarity.1);
+            rival = climbs
+                .iter()
+                .find(elsewhere)
+                .map_or(0.0, |climb| (climb.similarity.1 - independent) / (best.similarity.1 - independent));
             views = climbs.into_iter().take(keep).map(|climb| climb.view).collect();
         }
 
@@ -164,7 +169,7 @@ impl<'a> Registration<'a> {
         }
 
         let (similarity, covered) = self.similarity(&view).unwrap_or_default();
-        across_levels.1 = similarity;
+        across_levels.1 = similarity - independent;
         let moved = self.model.distance(&start, &view);
         let findings = Findings { similarity: (start_similarity, similarity), moved, across_levels, rival, covered };
         let (status, reasons) = verdict(&findings);

@@ -9,9 +9,9 @@ pub(crate) struct Findings {
     pub(crate) similarity: (f64, f64),
     /// The distance between the two, in pixels of the photo.
     pub(crate) moved: f64,
-    /// The metric on the coarsest and on the finest level.
+    /// The metric on the coarsest and on the finest level, over what independence would give.
     pub(crate) across_levels: (f64, f64),
-    /// The metric of the best view elsewhere, over that of the view, on the level where they were compared.
+    /// The metric of the best view elsewhere as a share of the view's, on the level where they were compared.
     pub(crate) rival: f64,
     /// Pixels of the photo that show the model.
     pub(crate) covered: f64,
