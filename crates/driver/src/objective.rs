@@ -243,7 +243,7 @@ mod tests {
             assert_eq!(gradient.len(), space.dimension());
             for k in 0..gradient.len() {
                 // Values are of single precision: each step moves the picture by a hundredth of a pixel or so.
-                let reach = match k + 14 - space.dimension() {
+                let reach = match (k + MOST).saturating_sub(space.dimension()) {
                     7 | 8 => 1e-2,
                     9.. => 2e-3,
                     _ => 1e-4,
