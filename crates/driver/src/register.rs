@@ -117,7 +117,8 @@ impl<'a> Registration<'a> {
         let start = self.model.inward(start);
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
-        let (start_similarity, _) = self.similarity(&start).ok_or(Error::NothingVisible)?;
+        let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
+        let (start_similarity, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
         let mut stages = Vec::new();
         let mut tell = |stage: Stage, view: &View| {
             stages.push(stage);
@@ -136,11 +137,15 @@ impl<'a> Registration<'a> {
             let began = Instant::now();
             let mut climbs: Vec<(f64, Climb)> = views
                 .into_par_iter()
-                .filter_map(|view| {
-                    let climb = self.climb(index, &view, &start)?;
-                    let evidence = self.evidence(&mut Workspace::default(), &climb.view);
-                    Some((climb.similarity.1 + evidence.map_or(0.0, Evidence::total), climb))
-                })
+                .map_init(
+                    || self.sampler(index),
+                    |sampler, view| {
+                        let climb = self.climb(sampler, index, &view, &start)?;
+                        let evidence = self.evidence(&mut Workspace::default(), &climb.view);
+                        Some((climb.similarity.1 + evidence.map_or(0.0, Evidence::total), climb))
+                    },
+                )
+                .flatten()
                 .collect();
             climbs.sort_by(|a, b| b.0.total_cmp(&a.0));
             let climbs: Vec<Climb> = climbs.into_iter().map(|(_, climb)| climb).collect();
@@ -163,12 +168,12 @@ impl<'a> Registration<'a> {
         let mut view = views[0];
         for index in (0..second).rev() {
             let began = Instant::now();
-            let climb = self.climb(index, &view, &start).ok_or(Error::NothingVisible)?;
+            let climb = self.climb(&mut sampler, index, &view, &start).ok_or(Error::NothingVisible)?;
             view = climb.view;
             tell(stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity), &view);
         }
 
-        let (similarity, covered) = self.similarity(&view).unwrap_or_default();
+        let (similarity, covered) = self.similarity(&mut sampler, &view).unwrap_or_default();
         across_levels.1 = similarity - independent;
         let moved = self.model.distance(&start, &view);
         let findings = Findings { similarity: (start_similarity, similarity), moved, across_levels, rival, covered };
@@ -215,21 +220,20 @@ impl<'a> Registration<'a> {
 
     /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
     /// does.
-    fn similarity(&self, view: &View) -> Option<(f64, f64)> {
+    fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<(f64, f64)> {
         let samples = EFFORTS[EFFORTS.len() - 1].samples;
         let sampling = Sampling::with_halo(samples);
-        let samples = Sampler::new(self.model.mesh, &*self.model.signal).sample(view, &self.levels[0], &sampling)?;
+        let samples = sampler.sample(view, &self.levels[0], &sampling)?;
         let space = self.space(Refine::default());
         let value = self.objective(0, &samples, &space, view).value(view)?;
         Some((value, samples.covered as f64))
     }
 
     /// Climbs at one level; `None` where the view shows nothing of the model. `start` brings the expected camera.
-    fn climb(&self, index: usize, from: &View, start: &View) -> Option<Climb> {
+    fn climb(&self, sampler: &mut Sampler, index: usize, from: &View, start: &View) -> Option<Climb> {
         let level = &self.levels[index];
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
-        let mesh = if coarseness < 1 { &self.model.coarse } else { self.model.mesh };
         let sampling = Sampling::with_halo(effort.samples);
         let space = self.space(if index < 2 { self.options.refine } else { Refine::default() });
         let solver = match self.options.solver {
@@ -237,7 +241,6 @@ impl<'a> Registration<'a> {
                 LevenbergMarquardt { iterations: effort.iterations, damping: 1e-2, gain_tolerance: effort.gain }
             }
         };
-        let mut sampler = Sampler::new(mesh, &*self.model.signal);
         let mut climb = Climb { view: *from, similarity: (0.0, 0.0), evaluations: 0, renderings: 0 };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
@@ -256,6 +259,12 @@ impl<'a> Registration<'a> {
             }
         }
         Some(climb)
+    }
+
+    /// A sampler of the model as a level shows it: the coarse copy on the coarsest.
+    fn sampler(&self, index: usize) -> Sampler<'_> {
+        let coarsest = index + 1 == self.levels.len();
+        Sampler::new(if coarsest { &self.model.coarse } else { self.model.mesh }, &*self.model.signal)
     }
 
     fn space(&self, refine: Refine) -> ViewSpace<'_> {
