@@ -27,18 +27,14 @@ pub(crate) const POSE: usize = 6;
 pub(crate) const MOST: usize = POSE + 8;
 
 impl Refine {
-    /// The camera's components in a step, and what is known of each beforehand: its standard deviation.
-    fn camera_deviations(self, camera: &Camera) -> impl Iterator<Item = f64> {
+    /// The standard deviations of the camera's components before the photo was looked at.
+    pub(crate) fn deviations(self, camera: &Camera) -> Vec<f64> {
         let principal = 0.01 * f64::from(camera.width.max(camera.height));
         let focal = self.focal.then_some(0.03);
         let principal = self.principal.then_some([principal; 2]);
         let distortion = self.distortion.then_some([0.1, 0.1, 0.002, 0.002, 0.05]);
-        focal.into_iter().chain(principal.into_iter().flatten()).chain(distortion.into_iter().flatten())
-    }
-
-    /// The standard deviations of the camera's components before the photo was looked at.
-    pub(crate) fn deviations(self, camera: &Camera) -> Vec<f64> {
-        self.camera_deviations(camera).collect()
+        let rest = principal.into_iter().flatten().chain(distortion.into_iter().flatten());
+        focal.into_iter().chain(rest).collect()
     }
 
     /// How far a camera is from another in the camera's components of a step.
