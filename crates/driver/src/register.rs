@@ -114,6 +114,16 @@ impl<'a> Registration<'a> {
     /// # Errors
     /// If the model cannot be seen from the start.
     pub fn run(&self, start: &View, observer: &mut dyn FnMut(&Event)) -> Result<Outcome, Error> {
+        Ok(self.find(start, self.options.refine, observer)?.0)
+    }
+
+    /// [`run`](Self::run) with other parts of the camera refined, and what the verdict was built on.
+    pub(crate) fn find(
+        &self,
+        start: &View,
+        refine: Refine,
+        observer: &mut dyn FnMut(&Event),
+    ) -> Result<(Outcome, Findings), Error> {
         let start = self.model.inward(start);
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
@@ -140,7 +150,7 @@ impl<'a> Registration<'a> {
                 .map_init(
                     || self.sampler(index),
                     |sampler, view| {
-                        let climb = self.climb(sampler, index, &view, &start)?;
+                        let climb = self.climb(sampler, index, &view, &start, refine)?;
                         let evidence = self.evidence(&mut Workspace::default(), &climb.view);
                         Some((climb.similarity.1 + evidence.map_or(0.0, Evidence::total), climb))
                     },
@@ -168,7 +178,7 @@ impl<'a> Registration<'a> {
         let mut view = views[0];
         for index in (0..second).rev() {
             let began = Instant::now();
-            let climb = self.climb(&mut sampler, index, &view, &start).ok_or(Error::NothingVisible)?;
+            let climb = self.climb(&mut sampler, index, &view, &start, refine).ok_or(Error::NothingVisible)?;
             view = climb.view;
             tell(stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity), &view);
         }
@@ -181,7 +191,7 @@ impl<'a> Registration<'a> {
         let (view, similarity) =
             if similarity > start_similarity { (view, similarity) } else { (start, start_similarity) };
         let similarity = (start_similarity, similarity);
-        Ok(Outcome { view: self.model.outward(&view), status, reasons, similarity, stages })
+        Ok((Outcome { view: self.model.outward(&view), status, reasons, similarity, stages }, findings))
     }
 
     /// The start and other views that might lie in the right basin; how many were looked at, and the evidence for the start
@@ -230,12 +240,12 @@ impl<'a> Registration<'a> {
     }
 
     /// Climbs at one level; `None` where the view shows nothing of the model. `start` brings the expected camera.
-    fn climb(&self, sampler: &mut Sampler, index: usize, from: &View, start: &View) -> Option<Climb> {
+    fn climb(&self, sampler: &mut Sampler, index: usize, from: &View, start: &View, refine: Refine) -> Option<Climb> {
         let level = &self.levels[index];
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
         let sampling = Sampling::with_halo(effort.samples);
-        let space = self.space(if index < 2 { self.options.refine } else { Refine::default() });
+        let space = self.space(if index < 2 { refine } else { Refine::default() });
         let solver = match self.options.solver {
             SolverName::LevenbergMarquardt => {
                 LevenbergMarquardt { iterations: effort.iterations, damping: 1e-2, gain_tolerance: effort.gain }
