@@ -1,5 +1,6 @@
 //! `texreg register`: from photos with a rough start to cameras, pictures and a report.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::anyhow;
@@ -106,6 +107,7 @@ fn one(
     let before = bar.position();
     let outcome = register(model, &photo, &start, options, &mut |event| {
         bar.set_position(before + PARTS * event.done as u64 / event.of.max(1) as u64);
+        ControlFlow::Continue(())
     });
     bar.set_position(before + PARTS);
     let context = || format!("{}: photo {}", inputs.start_file().display(), photo.file);

@@ -9,4 +9,7 @@ pub enum Error {
     /// A signal was asked for that the model does not carry.
     #[error("the model has no reflectance; leave out the signal 'reflectance'")]
     NoReflectance,
+    /// The observer said stop.
+    #[error("the registration was stopped")]
+    Stopped,
 }

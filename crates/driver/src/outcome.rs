@@ -57,6 +57,8 @@ pub struct Event {
     pub done: usize,
     /// All stages.
     pub of: usize,
+    /// The stage that is done.
+    pub stage: Stage,
     /// The best view so far.
     pub view: View,
 }

@@ -19,6 +19,7 @@ use crate::search::{Region, Search};
 use crate::verdict::{Findings, verdict};
 use crate::{Error, Options, Photo, Refine, SolverName};
 use rayon::prelude::*;
+use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::View;
 use texreg_mi::Parzen;
@@ -27,13 +28,13 @@ use texreg_optim::{LevenbergMarquardt, Objective, Solver};
 /// Registers one photo, starting from a rough view of the world.
 ///
 /// # Errors
-/// If the model cannot be seen from the start.
+/// If the model cannot be seen from the start, or the observer says stop.
 pub fn register(
     model: &Model,
     photo: &Photo,
     start: &View,
     options: &Options,
-    observer: &mut dyn FnMut(&Event),
+    observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
 ) -> Result<Outcome, Error> {
     Registration::new(model, photo, options).run(start, observer)
 }
@@ -112,8 +113,8 @@ impl<'a> Registration<'a> {
     /// Registers the photo from a rough view of the world, telling `observer` of each stage.
     ///
     /// # Errors
-    /// If the model cannot be seen from the start.
-    pub fn run(&self, start: &View, observer: &mut dyn FnMut(&Event)) -> Result<Outcome, Error> {
+    /// If the model cannot be seen from the start, or the observer says stop.
+    pub fn run(&self, start: &View, observer: &mut dyn FnMut(&Event) -> ControlFlow<()>) -> Result<Outcome, Error> {
         Ok(self.find(start, self.options.refine, observer)?.0)
     }
 
@@ -122,7 +123,7 @@ impl<'a> Registration<'a> {
         &self,
         start: &View,
         refine: Refine,
-        observer: &mut dyn FnMut(&Event),
+        observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
     ) -> Result<(Outcome, Findings), Error> {
         let start = self.model.inward(start);
         let coarsest = self.levels.len() - 1;
@@ -131,14 +132,16 @@ impl<'a> Registration<'a> {
         let (start_similarity, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
         let mut stages = Vec::new();
         let mut tell = |stage: Stage, view: &View| {
+            let view = self.model.outward(view);
+            let event = Event { done: stages.len() + 1, of: 3 + second, stage: stage.clone(), view };
             stages.push(stage);
-            observer(&Event { done: stages.len(), of: 3 + second, view: self.model.outward(view) });
+            if observer(&event).is_break() { Err(Error::Stopped) } else { Ok(()) }
         };
 
         let began = Instant::now();
         let (mut views, renderings, evidence) = self.hypotheses(&start).ok_or(Error::NothingVisible)?;
         let name = format!("search 1/{}", self.overview.factor);
-        tell(stage(name, began, 0, renderings, evidence), &start);
+        tell(stage(name, began, 0, renderings, evidence), &start)?;
 
         let independent = self.options.metric.independent();
         let mut rival = 0.0;
@@ -162,7 +165,7 @@ impl<'a> Registration<'a> {
             let best = climbs.first().ok_or(Error::NothingVisible)?;
             let evaluations = climbs.iter().map(|climb| climb.evaluations).sum();
             let renderings = climbs.iter().map(|climb| climb.renderings).sum();
-            tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view);
+            tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view)?;
             if index == coarsest {
                 across_levels.0 = best.similarity.1 - independent;
             }
@@ -180,7 +183,7 @@ impl<'a> Registration<'a> {
             let began = Instant::now();
             let climb = self.climb(&mut sampler, index, &view, &start, refine).ok_or(Error::NothingVisible)?;
             view = climb.view;
-            tell(stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity), &view);
+            tell(stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity), &view)?;
         }
 
         let (similarity, covered) = self.similarity(&mut sampler, &view).unwrap_or_default();

@@ -14,6 +14,7 @@ use anyhow::{Context, Result};
 use nalgebra::{Matrix3, Rotation3, UnitVector3, Vector3};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use serde::Deserialize;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use texreg::camera::View;
@@ -180,7 +181,7 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
 fn register(kind: &str, registration: &Registration, photo: &TruePhoto, diagonal: f64, start: &View) -> Run {
     let camera = photo.view.camera;
     let started = Instant::now();
-    let outcome = registration.run(start, &mut |_| ());
+    let outcome = registration.run(start, &mut |_| ControlFlow::Continue(()));
     let milliseconds = started.elapsed().as_secs_f64() * 1e3;
     let distance = |view: &View| score(photo, diagonal, view).mean_px;
     Run {

@@ -5,6 +5,7 @@
 
 use super::{Arguments, Report, Row, accuracy};
 use anyhow::{Context, Result, ensure};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
@@ -68,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
         let registration = Registration::new(&model, &photo, &options);
         record("ready the photo", since(began));
         let began = Instant::now();
-        let outcome = registration.run(&start, &mut |_| ())?;
+        let outcome = registration.run(&start, &mut |_| ControlFlow::Continue(()))?;
         let refinement = since(began);
         for stage in &outcome.stages {
             record(&format!("  {}", stage.name), stage.milliseconds);
