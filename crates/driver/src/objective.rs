@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Density, Metric, Samples};
-use texreg_optim::{Derivatives, Objective};
+use texreg_optim::{Curvature, Derivatives, Objective};
 
 /// What is known of the camera before the photo was looked at.
 #[derive(Clone, Copy, Debug)]
@@ -135,7 +135,7 @@ impl Objective<View> for PhotoObjective<'_> {
             gradient[POSE + k] -= precision * x;
             curvature[(POSE + k, POSE + k)] += precision;
         }
-        self.space.pull_back(at, Derivatives { gradient, curvature })
+        self.space.pull_back(at, Derivatives { gradient, curvature: Curvature::Dense(curvature) })
     }
 }
 
@@ -274,6 +274,7 @@ mod tests {
         let metric = MetricName::MutualInformation.metric();
         let curvature =
             PhotoObjective::new(&samples, &level, &density, metric, &space, prior).derivatives(&view).curvature;
+        let curvature = curvature.to_dense().unwrap();
         assert_eq!(curvature, curvature.transpose());
         assert!(curvature.symmetric_eigenvalues().min() > 0.0);
     }

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2x5, Rotation3, Vector2, Vector3};
 use texreg_camera::{Camera, Projection, View};
 use texreg_lie::{Chart, Pose};
-use texreg_optim::{Derivatives, Manifold};
+use texreg_optim::{Curvature, Derivatives, Manifold};
 
 /// Which parts of the camera are refined with the pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -103,7 +103,10 @@ impl ViewSpace<'_> {
         chain.view_mut((3, turn.ncols()), (rest, rest)).fill_with_identity();
         Derivatives {
             gradient: chain.tr_mul(&tangent.gradient),
-            curvature: chain.tr_mul(&(tangent.curvature * &chain)),
+            curvature: match tangent.curvature {
+                Curvature::Dense(curvature) => Curvature::Dense(chain.tr_mul(&(curvature * &chain))),
+                other => other,
+            },
         }
     }
 }

@@ -5,8 +5,9 @@
 //! units of the parameters. A step is taken if the objective grows; `λ` follows the ratio of the growth to what the
 //! quadratic model promised.
 
-use crate::{Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
-use nalgebra::{DMatrix, DVector};
+use crate::{Curvature, Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
+use nalgebra::DVector;
+use std::time::Instant;
 
 /// The Levenberg–Marquardt method for an objective with a positive semidefinite curvature.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,10 +38,14 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
         start: Point,
         observer: &mut dyn FnMut(&Iteration),
     ) -> Option<Report<Point>> {
+        let began = Instant::now();
         let mut point = start;
         let start = objective.value(&point)?;
         let mut value = start;
         let mut derivatives = objective.derivatives(&point);
+        if derivatives.curvature == Curvature::Unknown {
+            return None;
+        }
         let mut damping = self.damping;
         let mut growth = 2.0;
         let mut iterations = Vec::new();
@@ -51,7 +56,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
             if damping > MAX_DAMPING {
                 break Stop::Stalled;
             }
-            let Some(step) = damped_step(&derivatives, damping) else {
+            let Some(step) = derivatives.curvature.damped_step(&derivatives.gradient, damping) else {
                 damping *= growth;
                 growth *= 2.0;
                 continue;
@@ -64,7 +69,13 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
             let trial = trial.and_then(|trial| Some((objective.value(&trial)?, trial)));
             let trial_value = trial.as_ref().map(|(value, _)| *value);
             let better = trial.filter(|(trial_value, _)| *trial_value > value);
-            let iteration = Iteration { value: trial_value, step: step.norm(), damping, accepted: better.is_some() };
+            let iteration = Iteration {
+                value: trial_value,
+                step: step.norm(),
+                damping,
+                accepted: better.is_some(),
+                seconds: began.elapsed().as_secs_f64(),
+            };
             observer(&iteration);
             iterations.push(iteration);
             if let Some((trial_value, trial)) = better {
@@ -83,17 +94,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
     }
 }
 
-/// The solution of `(H + λ diag H) s = g`, or `None` where that matrix is not positive definite.
-fn damped_step(derivatives: &Derivatives, damping: f64) -> Option<DVector<f64>> {
-    let mut damped: DMatrix<f64> = derivatives.curvature.clone();
-    let floor = f64::EPSILON * damped.diagonal().max();
-    for i in 0..damped.nrows() {
-        damped[(i, i)] += damping * damped[(i, i)] + floor;
-    }
-    Some(damped.cholesky()?.solve(&derivatives.gradient)).filter(|step| step.iter().all(|x| x.is_finite()))
-}
-
 /// What the quadratic model `gᵀs − ½ sᵀHs` promises.
 fn promised_gain(derivatives: &Derivatives, step: &DVector<f64>) -> f64 {
-    derivatives.gradient.dot(step) - 0.5 * (&derivatives.curvature * step).dot(step)
+    derivatives.gradient.dot(step) - 0.5 * derivatives.curvature.along(step)
 }

@@ -6,7 +6,7 @@
 //!
 //! ```
 //! use nalgebra::{DMatrix, DVector};
-//! use texreg_optim::{Derivatives, Euclidean, LevenbergMarquardt, Objective, Solver};
+//! use texreg_optim::{Curvature, Derivatives, Euclidean, LevenbergMarquardt, Objective, Solver};
 //!
 //! /// −‖x − (1, 2)‖²
 //! struct Bowl;
@@ -16,7 +16,7 @@
 //!     }
 //!     fn derivatives(&mut self, at: &DVector<f64>) -> Derivatives {
 //!         let gradient = -2.0 * (at - DVector::from_vec(vec![1.0, 2.0]));
-//!         Derivatives { gradient, curvature: DMatrix::identity(2, 2) * 2.0 }
+//!         Derivatives { gradient, curvature: Curvature::Dense(DMatrix::identity(2, 2) * 2.0) }
 //!     }
 //! }
 //! let start = DVector::from_vec(vec![5.0, -3.0]);
@@ -24,10 +24,25 @@
 //! assert!((report.point - DVector::from_vec(vec![1.0, 2.0])).norm() < 1e-6);
 //! ```
 
+mod arrow;
+mod block_cholesky;
+mod check;
+mod curvature;
+mod least_squares;
 mod levenberg_marquardt;
-mod problem;
+mod loss;
+mod manifold;
+mod objective;
+mod region;
 mod solver;
 
+pub use arrow::{Arm, Arrow, ArrowInverse, Pair};
+pub use check::gradient_discrepancy;
+pub use curvature::Curvature;
+pub use least_squares::{Accumulator, LeastSquares, MinusCost, covariance};
 pub use levenberg_marquardt::LevenbergMarquardt;
-pub use problem::{Derivatives, Euclidean, Manifold, Objective};
+pub use loss::Loss;
+pub use manifold::{Charted, Euclidean, Manifold, Power};
+pub use objective::{Derivatives, Objective};
+pub use region::Region;
 pub use solver::{Iteration, Report, Solver, Stop};

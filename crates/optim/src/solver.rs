@@ -4,7 +4,8 @@ use crate::{Manifold, Objective};
 
 /// A method that climbs an objective over a manifold.
 pub trait Solver<Point> {
-    /// Climbs from `start`, telling `observer` of each iteration. `None` if the objective is not defined at the start.
+    /// Climbs from `start`, telling `observer` of each iteration. `None` if the objective is not defined at the start, or
+    /// has no curvature and the solver needs one.
     /// The reported point is never worse than the start.
     fn maximize(
         &self,
@@ -22,10 +23,12 @@ pub struct Iteration {
     pub value: Option<f64>,
     /// The length of the step in the tangent space.
     pub step: f64,
-    /// The damping that was used.
+    /// The damping λ that was used; 0 by solvers without one.
     pub damping: f64,
     /// Whether the step was taken.
     pub accepted: bool,
+    /// Seconds since the solver began.
+    pub seconds: f64,
 }
 
 /// Why a solver stopped.

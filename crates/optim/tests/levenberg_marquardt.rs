@@ -1,7 +1,9 @@
 //! Levenberg–Marquardt on functions whose maxima are known.
 
 use nalgebra::{DMatrix, DVector, dvector};
-use texreg_optim::{Derivatives, Euclidean, Iteration, LevenbergMarquardt, Manifold, Objective, Report, Solver, Stop};
+use texreg_optim::{
+    Curvature, Derivatives, Euclidean, Iteration, LevenbergMarquardt, Manifold, Objective, Report, Solver, Stop,
+};
 
 /// Minus half the sum of squares of residuals, with Gauss–Newton's curvature.
 struct LeastSquares<F: Fn(&DVector<f64>) -> (DVector<f64>, DMatrix<f64>)>(F);
@@ -13,7 +15,8 @@ impl<F: Fn(&DVector<f64>) -> (DVector<f64>, DMatrix<f64>)> Objective<DVector<f64
 
     fn derivatives(&mut self, at: &DVector<f64>) -> Derivatives {
         let (residual, jacobian) = self.0(at);
-        Derivatives { gradient: -jacobian.transpose() * residual, curvature: jacobian.transpose() * jacobian }
+        let curvature = Curvature::Dense(jacobian.transpose() * &jacobian);
+        Derivatives { gradient: -jacobian.transpose() * residual, curvature }
     }
 }
 

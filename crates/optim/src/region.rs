@@ -1,0 +1,67 @@
+//! Where a step may lead to: balls around the zero step, and bounds of single components.
+
+use nalgebra::DVector;
+use std::ops::Range;
+
+/// A convex set of steps that holds the zero step: within a ball where a chart is safe, within bounds the user gave.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Region {
+    /// The components that are kept to a ball, and its radius.
+    pub balls: Vec<(Range<usize>, f64)>,
+    /// The components that are kept to an interval, and its ends: at most 0 and at least 0.
+    pub bounds: Vec<(usize, f64, f64)>,
+}
+
+/// The share of a ball's radius that steps use: charts are defined inside, not on the border.
+const INSIDE: f64 = 0.99;
+
+impl Region {
+    /// This region, with these components in a ball.
+    pub fn ball(mut self, components: Range<usize>, radius: f64) -> Self {
+        self.balls.push((components, radius));
+        self
+    }
+
+    /// This region, with a component in an interval around 0.
+    pub fn bound(mut self, component: usize, least: f64, most: f64) -> Self {
+        self.bounds.push((component, least.min(0.0), most.max(0.0)));
+        self
+    }
+
+    /// This region and another, whose components come after `offset` others.
+    pub fn and(mut self, offset: usize, other: Self) -> Self {
+        self.balls.extend(other.balls.into_iter().map(|(part, r)| (part.start + offset..part.end + offset, r)));
+        self.bounds.extend(other.bounds.into_iter().map(|(i, least, most)| (i + offset, least, most)));
+        self
+    }
+
+    /// Whether a step is inside.
+    pub fn contains(&self, step: &DVector<f64>) -> bool {
+        self.longest(step) >= 1.0
+    }
+
+    /// The largest factor by which a direction may be multiplied: infinite where nothing ends it.
+    pub fn longest(&self, direction: &DVector<f64>) -> f64 {
+        let balls = self.balls.iter().map(|(part, radius)| {
+            let length = direction.rows(part.start, part.len()).norm();
+            if length > 0.0 { INSIDE * radius / length } else { f64::INFINITY }
+        });
+        let bounds = self.bounds.iter().map(|&(i, least, most)| match direction[i] {
+            x if x > 0.0 => most / x,
+            x if x < 0.0 => least / x,
+            _ => f64::INFINITY,
+        });
+        balls.chain(bounds).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The direction without the components that a bound forbids at once.
+    pub fn tangent(&self, direction: &DVector<f64>) -> DVector<f64> {
+        let mut direction = direction.clone();
+        for &(i, least, most) in &self.bounds {
+            if (direction[i] > 0.0 && most <= 0.0) || (direction[i] < 0.0 && least >= 0.0) {
+                direction[i] = 0.0;
+            }
+        }
+        direction
+    }
+}
