@@ -254,7 +254,6 @@ fn no_reflectance_to_look_at() {
     let bench = Bench::new();
     let words = ["model.ply", "no reflectance", "leave out"];
     bench.run("register model.ply photo.png --init init.json --signal reflectance").fails_with(&words);
-    let words = ["model.ply", "no reflectance", "choose another"];
     bench.run("render model.ply --cameras init.json --signal reflectance").fails_with(&words);
 }
 

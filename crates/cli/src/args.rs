@@ -8,7 +8,8 @@ use std::str::FromStr;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Parser, Subcommand, ValueEnum};
 use texreg::calib::Model;
-use texreg::driver::{Layer, MetricName, RotationName, SignalName, SolverName};
+use texreg::driver::{MetricName, RotationName, SolverName};
+use texreg::surface::SignalName;
 
 /// Lays photographs onto scanned 3D models.
 #[derive(Debug, Parser)]
@@ -71,7 +72,7 @@ pub(crate) struct Register {
     /// The measure of agreement
     #[arg(long, value_name = "NAME", default_value_t, value_parser = named(MetricName::ALL))]
     pub(crate) metric: MetricName,
-    /// What the model predicts, one or more [default: what the model has]
+    /// What the model predicts, several for their joint signal [default: reflectance, if the model has it, and normals]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
     pub(crate) signal: Vec<SignalName>,
     /// The solver
@@ -185,9 +186,9 @@ pub(crate) struct Render {
     /// The cameras to see it from: a cameras.json
     #[arg(long, value_name = "FILE")]
     pub(crate) cameras: PathBuf,
-    /// What to draw, one or more [default: what the model has]
-    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(Layer::ALL))]
-    pub(crate) signal: Vec<Layer>,
+    /// What to draw, one or more [default: all that the model has]
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
+    pub(crate) signal: Vec<SignalName>,
     /// The folder to write to
     #[arg(short, long, value_name = "DIR", default_value = "texreg-out")]
     pub(crate) output: PathBuf,

@@ -4,7 +4,8 @@ use std::io::Cursor;
 
 use image::ImageFormat;
 use serde_json::json;
-use texreg::driver::{Layer, base_name, layer, read_cameras};
+use texreg::driver::{base_name, layer, read_cameras};
+use texreg::surface::{NoSuchSignal, Signal, SignalName, joint_signal};
 
 use crate::Ending;
 use crate::args::Render;
@@ -15,17 +16,19 @@ pub(crate) fn run(args: &Render, json: bool) -> anyhow::Result<Ending> {
     let cameras = read_cameras(&args.cameras)?;
     let output = Output::open(&args.output)?;
     let mesh = model(&args.model)?;
-    let layers = if args.signal.is_empty() { Layer::of(&mesh) } else { args.signal.clone() };
+    let all = || SignalName::ALL.iter().copied().filter(|name| name.is_in(&mesh)).collect();
+    let names = if args.signal.is_empty() { all() } else { args.signal.clone() };
+    let signal = |&name| Ok((name, joint_signal(&mesh, &[name])?));
+    let signals: Result<Vec<(SignalName, Box<dyn Signal>)>, _> = names.iter().map(signal).collect();
+    let signals = signals.map_err(|e: NoSuchSignal| anyhow::anyhow!("{}: {e}", args.model.display()))?;
     let mut written = Vec::new();
     for entry in &cameras.photos {
         let size = entry.lens.size.ok_or_else(|| {
             let file = args.cameras.display();
             anyhow::anyhow!("{file}: photo {}, fields width, height: are missing; add the photo's size", entry.file)
         })?;
-        for &name in &layers {
-            let picture = layer(&mesh, &entry.view(size), name).ok_or_else(|| {
-                anyhow::anyhow!("{}: the model has no {name}; choose another --signal", args.model.display())
-            })?;
+        for (name, signal) in &signals {
+            let picture = layer(&mesh, &**signal, &entry.view(size));
             let mut png = Cursor::new(Vec::new());
             picture.write_to(&mut png, ImageFormat::Png)?;
             let file = format!("{}.{name}.png", base_name(&entry.file));

@@ -1,4 +1,5 @@
 //! What can go wrong in a registration.
+use texreg_surface::NoSuchSignal;
 
 /// Why a photo could not be registered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -7,8 +8,8 @@ pub enum Error {
     #[error("the model is not in sight of the starting camera; check its pose, or start from correspondences")]
     NothingVisible,
     /// A signal was asked for that the model does not carry.
-    #[error("the model has no reflectance; leave out the signal 'reflectance'")]
-    NoReflectance,
+    #[error(transparent)]
+    NoSuchSignal(#[from] NoSuchSignal),
     /// The observer said stop.
     #[error("the registration was stopped")]
     Stopped,

@@ -20,7 +20,6 @@ mod pyramid;
 mod register;
 mod samples;
 mod search;
-mod signal;
 mod verdict;
 
 pub use error::Error;
@@ -29,12 +28,11 @@ pub use files::{
     CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
     write_atomic, write_cameras,
 };
-pub use layer::{Layer, layer};
+pub use layer::layer;
 pub use model::Model;
-pub use options::{MetricName, Options, RotationName, SignalName, SolverName};
+pub use options::{MetricName, Options, RotationName, SolverName};
 pub use outcome::{Event, Outcome, Stage, Status};
 pub use overlay::{Panel, overlay};
 pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
 pub use register::{Registration, register};
-pub use signal::{Both, Normals, Ranked, Signal, Surfel};

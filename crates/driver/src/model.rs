@@ -1,10 +1,9 @@
 //! A model made ready for registration.
 
-use crate::signal::{Both, Normals, Ranked, Signal};
-use crate::{Error, SignalName};
+use crate::Error;
 use nalgebra::{Point3, Vector3};
 use texreg_camera::View;
-use texreg_surface::Mesh;
+use texreg_surface::{Mesh, Signal, SignalName, Viewpoint, joint_signal};
 
 /// A mesh, what it predicts, and a coarse copy of it for small pictures: made once, for any number of photos.
 pub struct Model<'a> {
@@ -19,12 +18,13 @@ pub struct Model<'a> {
 const COARSE: usize = 20_000;
 
 impl<'a> Model<'a> {
-    /// Makes a mesh ready. Several signals make a joint one; with none, the model predicts all it can.
+    /// Makes a mesh ready. Several signals make a joint one; with none, the model predicts its normals and, where the
+    /// scanner measured it, its reflectance.
     ///
     /// # Errors
     /// If the mesh does not carry a signal that is asked for.
     pub fn new(mesh: &'a Mesh, signals: &[SignalName]) -> Result<Self, Error> {
-        let signal = signal(mesh, signals)?;
+        let signal = joint_signal(mesh, if signals.is_empty() { measured(mesh) } else { signals })?;
         let probes = mesh.positions.iter().step_by(mesh.positions.len() / 200 + 1);
         Ok(Self {
             mesh,
@@ -60,15 +60,12 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The joint signal of these names.
-fn signal(mesh: &Mesh, names: &[SignalName]) -> Result<Box<dyn Signal>, Error> {
-    let has = |name| names.contains(&name);
-    let joint = Ranked::reflectance(mesh, 5).map(|reflectance| Both(reflectance, Normals { steps: 6 }));
-    let alone = Ranked::reflectance(mesh, 16);
-    Ok(match (has(SignalName::Normals), has(SignalName::Reflectance), joint, alone) {
-        (true, true, Some(joint), _) | (false, false, Some(joint), _) => Box::new(joint),
-        (false, true, _, Some(alone)) => Box::new(alone),
-        (_, true, _, _) => return Err(Error::NoReflectance),
-        (_, false, _, _) => Box::new(Normals { steps: 10 }),
-    })
+/// What a model predicts if nothing else is asked for: all that the scanner measured.
+fn measured(mesh: &Mesh) -> &'static [SignalName] {
+    if mesh.reflectance.is_some() { &[SignalName::Reflectance, SignalName::Normals] } else { &[SignalName::Normals] }
+}
+
+/// The viewpoint of a view of the model's frame.
+pub(crate) fn viewpoint(view: &View) -> Viewpoint {
+    Viewpoint::new(view.pose.rotation.matrix(), &view.pose.translation)
 }

@@ -67,16 +67,6 @@ names! {
 }
 
 names! {
-    /// What a model can predict.
-    SignalName {
-        /// The surface normal in the camera frame.
-        Normals = "normals",
-        /// The scanner's reflectance.
-        Reflectance = "reflectance",
-    }
-}
-
-names! {
     /// The charts a rotation is stepped in.
     #[derive(Default)]
     RotationName {

@@ -6,14 +6,13 @@
 //! is not. Bins are few and hard: no derivative is wanted.
 
 use crate::Photo;
+use crate::model::viewpoint;
 use crate::palette::palette;
 use crate::samples::dither;
-use crate::signal::{Signal, Surfel};
-use nalgebra::Matrix3;
 use texreg_camera::View;
 use texreg_mi::{Joint, Metric, MutualInformation};
 use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles, outline};
-use texreg_surface::Mesh;
+use texreg_surface::{Mesh, Signal, Surfel};
 
 /// The number of colours the photo is reduced to.
 const COLOURS: usize = 24;
@@ -93,7 +92,7 @@ impl Overview {
         let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
         let options = Options { parallel: false, ..Options::default() };
         renderer.render(&triangles, &camera, &view.pose, &options, picture);
-        let rotation: Matrix3<f32> = view.pose.rotation.matrix().cast();
+        let viewpoint = viewpoint(view);
         let background = signal.bins();
         bins.clear();
         bins.extend(picture.face.iter().map(|&face| {
@@ -101,7 +100,7 @@ impl Overview {
                 return background as u16;
             }
             let corners = mesh.triangles[face as usize];
-            let surfel = Surfel { mesh, corners, weights: [1.0 / 3.0; 3], camera_from_mesh: &rotation };
+            let surfel = Surfel { mesh, corners, weights: [1.0 / 3.0; 3], viewpoint: &viewpoint };
             signal.bin(&surfel) as u16
         }));
         let mut counts = vec![0u32; (background + 1) * COLOURS];

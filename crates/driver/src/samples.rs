@@ -1,12 +1,12 @@
 //! Samples on the surface: what a view sees of the model, and the background around it.
 
+use crate::model::viewpoint;
 use crate::pyramid::Level;
-use crate::signal::{Signal, Surfel};
-use nalgebra::{Matrix3, Point2, Point3};
+use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, Triangles, outline};
-use texreg_surface::Mesh;
+use texreg_surface::{Mesh, Signal, Surfel};
 
 /// Surface points with fixed bins.
 #[derive(Clone, Debug)]
@@ -74,7 +74,7 @@ impl<'a> Sampler<'a> {
         }
         let width = picture.width as usize;
         let share = sampling.surface as f32 / covered as f32;
-        let rotation: Matrix3<f32> = view.pose.rotation.matrix().cast();
+        let viewpoint = viewpoint(view);
         let rows: Vec<Vec<(Point3<f64>, u16)>> = picture
             .face
             .par_chunks(width)
@@ -94,7 +94,7 @@ impl<'a> Sampler<'a> {
                             f64::from(weight) * Point3::from(position).coords
                         });
                         let point = Point3::from(point.sum::<nalgebra::Vector3<f64>>());
-                        let surfel = Surfel { mesh: self.mesh, corners, weights, camera_from_mesh: &rotation };
+                        let surfel = Surfel { mesh: self.mesh, corners, weights, viewpoint: &viewpoint };
                         Some((point, self.signal.bin(&surfel) as u16))
                     });
                     samples.collect()

@@ -2,9 +2,9 @@
 
 use nalgebra::{Rotation3, Vector3};
 use texreg_camera::{Camera, View};
-use texreg_driver::{Layer, Panel, Photo, layer, overlay};
+use texreg_driver::{Panel, Photo, layer, overlay};
 use texreg_lie::Pose;
-use texreg_surface::{Attributes, Mesh};
+use texreg_surface::{Attributes, Mesh, SignalName, joint_signal};
 
 /// A square of side 2 at survey coordinates, facing the camera at a distance of 4: with a focal length of 200 px it
 /// covers 100 px in the middle of a photo of 301×201.
@@ -69,18 +69,18 @@ fn wide_models_are_stacked() {
 #[test]
 fn layers_show_what_they_say() {
     let (mesh, _, view) = scene();
-    let picture = |name| layer(&mesh, &view, name).unwrap().to_rgb8();
-    let at = |name, x, y| picture(name).get_pixel(x, y).0;
-    assert_eq!(at(Layer::Silhouette, 150, 100), [255; 3]);
-    assert_eq!(at(Layer::Silhouette, 95, 100), [0; 3]);
+    let at = |name, x, y| {
+        let signal = joint_signal(&mesh, &[name]).unwrap();
+        layer(&mesh, &*signal, &view).get_pixel(x, y).0
+    };
+    assert_eq!(at(SignalName::Silhouette, 150, 100), [255; 3]);
+    assert_eq!(at(SignalName::Silhouette, 95, 100), [0; 3]);
     // Facing the camera: x and y in the middle of their range, −z at the top.
-    assert_eq!(at(Layer::Normals, 150, 100), [128, 128, 255]);
-    assert_eq!(at(Layer::Normals, 95, 100), [0; 3]);
+    assert_eq!(at(SignalName::Normals, 150, 100), [128, 128, 255]);
+    assert_eq!(at(SignalName::Normals, 95, 100), [0; 3]);
     // 0 at the left and 1 at the right edge, background 0.
-    let (left, right) = (at(Layer::Reflectance, 101, 100)[0], at(Layer::Reflectance, 199, 100)[0]);
+    let (left, right) = (at(SignalName::Reflectance, 101, 100)[0], at(SignalName::Reflectance, 199, 100)[0]);
     assert!((25..30).contains(&left) && right > 250, "{left} {right}");
-    assert!(layer(&mesh, &view, Layer::Colours).is_none());
-    assert!(!Layer::of(&mesh).contains(&Layer::Colours));
 }
 
 #[test]

@@ -12,6 +12,7 @@ mod normals;
 mod obj;
 mod occlusion;
 mod ply;
+mod signal;
 mod simplify;
 mod weld;
 
@@ -19,6 +20,10 @@ pub use error::{Defect, Error, Place};
 pub use load::load;
 pub use mesh::{Attributes, Mesh};
 pub use normals::area_weighted_normals;
+pub use signal::{
+    Both, Colours, Components, Depth, Frame, Headlight, NoSuchSignal, Normals, Ranked, Signal, SignalName, Silhouette,
+    Specular, Surfel, Viewpoint, joint_signal,
+};
 pub use weld::weld;
 
 /// The README's example, compiled and run.

@@ -1,4 +1,6 @@
 //! The model: triangles over vertices with normals and what the scanner measured there.
+use std::sync::OnceLock;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -28,6 +30,10 @@ pub struct Mesh {
     pub reflectance: Option<Vec<f32>>,
     /// Red, green and blue, one triple a vertex.
     pub colours: Option<Vec<[u8; 3]>>,
+    /// See [`ambient_occlusion`](Self::ambient_occlusion), once that was asked for or a file brought it.
+    pub(crate) ambient_occlusion: OnceLock<Vec<f32>>,
+    /// See [`mean_curvature`](Self::mean_curvature), likewise.
+    pub(crate) mean_curvature: OnceLock<Vec<f32>>,
 }
 
 /// What a vertex may carry besides its position; see the fields of [`Mesh`].
@@ -39,6 +45,10 @@ pub struct Attributes {
     pub reflectance: Option<Vec<f32>>,
     /// Colours.
     pub colours: Option<Vec<[u8; 3]>>,
+    /// [`Mesh::ambient_occlusion`], if it is known already; values that are not finite are replaced by the mean of the others.
+    pub ambient_occlusion: Option<Vec<f32>>,
+    /// [`Mesh::mean_curvature`], likewise.
+    pub mean_curvature: Option<Vec<f32>>,
 }
 
 impl Mesh {
@@ -65,6 +75,8 @@ impl Mesh {
         };
         expect("normals", attributes.normals.as_ref().map(Vec::len))?;
         expect("reflectances", attributes.reflectance.as_ref().map(Vec::len))?;
+        expect("ambient occlusions", attributes.ambient_occlusion.as_ref().map(Vec::len))?;
+        expect("mean curvatures", attributes.mean_curvature.as_ref().map(Vec::len))?;
         expect("colours", attributes.colours.as_ref().map(Vec::len))?;
         let (origin, positions) = localize(points)?;
         Ok(Mesh::assemble(origin, positions, triangles, attributes))
@@ -78,12 +90,21 @@ impl Mesh {
         triangles: Vec<[u32; 3]>,
         attributes: Attributes,
     ) -> Mesh {
-        let Attributes { normals, mut reflectance, colours } = attributes;
+        let Attributes { normals, colours, .. } = attributes;
         let normals = complete_normals(normals, &positions, &triangles);
-        if let Some(values) = &mut reflectance {
-            fill_gaps(values);
+        let scalars = [attributes.reflectance, attributes.ambient_occlusion, attributes.mean_curvature];
+        let [reflectance, ambient_occlusion, mean_curvature] = scalars.map(|scalars| scalars.map(without_gaps));
+        let known = |values: Option<Vec<f32>>| values.map_or_else(OnceLock::new, OnceLock::from);
+        Mesh {
+            origin: origin.into(),
+            positions,
+            triangles,
+            normals,
+            reflectance,
+            colours,
+            ambient_occlusion: known(ambient_occlusion),
+            mean_curvature: known(mean_curvature),
         }
-        Mesh { origin: origin.into(), positions, triangles, normals, reflectance, colours }
     }
 
     /// Vertex `i` in the world.
@@ -194,13 +215,14 @@ pub(crate) fn relative(point: [f64; 3], origin: &[f64; 3]) -> [f32; 3] {
     [(point[0] - origin[0]) as f32, (point[1] - origin[1]) as f32, (point[2] - origin[2]) as f32]
 }
 
-/// Replaces values that are not finite by the mean of those that are (zero if none is).
-fn fill_gaps(values: &mut [f32]) {
+/// The values, those that are not finite replaced by the mean of those that are (zero if none is).
+fn without_gaps(mut values: Vec<f32>) -> Vec<f32> {
     if values.iter().all(|v| v.is_finite()) {
-        return;
+        return values;
     }
     let finite = values.iter().filter(|v| v.is_finite());
     let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), &v| (sum + f64::from(v), count + 1.0));
     let mean = if count > 0.0 { (sum / count) as f32 } else { 0.0 };
     values.iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = mean);
+    values
 }

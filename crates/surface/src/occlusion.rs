@@ -26,8 +26,12 @@ impl Mesh {
     /// cosine to its normal: Σ V(d) n·d / Σ n·d over the directions d above the horizon, with V the visibility.
     ///
     /// The surface blocks light from both sides. Details below about 1/200 of the model's size do not count. The result
-    /// does not depend on the number of threads.
-    pub fn ambient_occlusion(&self) -> Vec<f32> {
+    /// does not depend on the number of threads. It is computed at the first call, from the vertices as they are then, and kept.
+    pub fn ambient_occlusion(&self) -> &[f32] {
+        self.ambient_occlusion.get_or_init(|| self.shares_of_sky())
+    }
+
+    fn shares_of_sky(&self) -> Vec<f32> {
         let threads = rayon::current_num_threads().clamp(1, AXES);
         let mut shares: Vec<Vec<[u32; 2]>> = (0..threads)
             .into_par_iter()

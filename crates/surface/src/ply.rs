@@ -7,6 +7,7 @@ mod binary;
 mod header;
 mod records;
 mod source;
+mod write;
 
 use std::path::Path;
 
@@ -43,12 +44,19 @@ struct Roles {
     position: [usize; 3],
     normal: Option<[usize; 3]>,
     colour: Option<[usize; 3]>,
-    reflectance: Option<usize>,
+    /// Of each of [`SCALARS`].
+    scalars: [Option<usize>; 3],
 }
 
-/// The names under which scanners' programs write reflectance, the most telling first.
-const REFLECTANCE: [&str; 6] =
-    ["reflectance", "intensity", "scalar_Intensity", "scalar_intensity", "scalar_Reflectance", "quality"];
+/// The names of attributes of one number, the most telling first: reflectance as scanners' programs write it, and what is computed
+/// as this one writes it.
+const SCALARS: [&[&str]; 3] = [
+    &["reflectance", "intensity", "scalar_Intensity", "scalar_intensity", "scalar_Reflectance", "quality"],
+    &[AMBIENT_OCCLUSION],
+    &[MEAN_CURVATURE],
+];
+const AMBIENT_OCCLUSION: &str = "ambient_occlusion";
+const MEAN_CURVATURE: &str = "mean_curvature";
 
 impl Roles {
     fn of(vertex: &Element, header: &Header) -> Result<Roles, Fault> {
@@ -60,9 +68,18 @@ impl Roles {
             position,
             normal: three(["nx", "ny", "nz"]),
             colour: three(["red", "green", "blue"]).or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"])),
-            reflectance: REFLECTANCE.into_iter().find_map(find),
+            scalars: SCALARS.map(|names| names.iter().find_map(|name| find(name))),
         })
     }
+}
+
+/// What was read of the vertices' attributes, the scalars in the order of [`SCALARS`].
+fn attributes(
+    normals: Option<Vec<[f32; 3]>>,
+    [reflectance, ambient_occlusion, mean_curvature]: [Option<Vec<f32>>; 3],
+    colours: Option<Vec<[u8; 3]>>,
+) -> Attributes {
+    Attributes { normals, reflectance, colours, ambient_occlusion, mean_curvature }
 }
 
 /// What brings a colour of a type to 0…255: integers of 8 bits are it already, wider ones lose their low bits, and

@@ -21,7 +21,7 @@ impl Mesh {
     /// scale), for renderings small enough not to show the difference. The mesh itself if it has no more.
     ///
     /// Vertices in the same cube of a grid become one, which carries the means of their normals, reflectances and
-    /// colours; parts thinner than a cube collapse.
+    /// colours, and of what was computed of them; parts thinner than a cube collapse.
     pub fn simplified(&self, triangles: usize) -> Mesh {
         if self.triangles.len() <= triangles || triangles == 0 {
             return self.clone();
@@ -103,14 +103,27 @@ impl Mesh {
         if triangles.is_empty() {
             return None;
         }
+        let average = |values: &Vec<f32>| average(values, &cluster_of, clusters.len());
         let attributes = Attributes {
             normals: Some(clusters.iter().map(|c| c.normal.map(|x| x as f32).into()).collect()),
-            reflectance: self.reflectance.as_ref().map(|_| clusters.iter().map(Cluster::reflectance).collect()),
+            reflectance: self.reflectance.as_ref().map(average),
             colours: self.colours.as_ref().map(|_| clusters.iter().map(Cluster::colour).collect()),
+            ambient_occlusion: self.ambient_occlusion.get().map(average),
+            mean_curvature: self.mean_curvature.get().map(average),
         };
         let positions = clusters.iter().map(|c| c.position(side)).collect();
         Some(Mesh::assemble(self.origin.into(), positions, triangles, attributes))
     }
+}
+
+/// The mean of the vertices' values in each cluster.
+fn average(values: &[f32], cluster_of: &[u32], clusters: usize) -> Vec<f32> {
+    let mut sums = vec![(0.0f64, 0.0); clusters];
+    for (&value, &cluster) in values.iter().zip(cluster_of) {
+        let sum = &mut sums[cluster as usize];
+        *sum = (sum.0 + f64::from(value), sum.1 + 1.0);
+    }
+    sums.into_iter().map(|(sum, count)| (sum / count) as f32).collect()
 }
 
 /// The sums over the vertices in a cube; positions are relative to its centre.
@@ -123,7 +136,6 @@ struct Cluster {
     planes: Matrix3<f64>,
     /// The sum of n d.
     offsets: Vector3<f64>,
-    reflectance: f64,
     colour: Vector3<f64>,
 }
 
@@ -137,7 +149,6 @@ impl Cluster {
             normal: zero,
             planes: Matrix3::zeros(),
             offsets: zero,
-            reflectance: 0.0,
             colour: zero,
         }
     }
@@ -150,9 +161,6 @@ impl Cluster {
         self.normal += n;
         self.planes += n * n.transpose();
         self.offsets += n * n.dot(&p);
-        if let Some(values) = &mesh.reflectance {
-            self.reflectance += f64::from(values[i]);
-        }
         if let Some(values) = &mesh.colours {
             self.colour += Vector3::from(values[i].map(f64::from));
         }
@@ -167,10 +175,6 @@ impl Cluster {
         let half = 0.5 * side;
         let inside = best.map(|x| if x.is_finite() { x.clamp(-half, half) } else { 0.0 });
         (self.centre + inside).map(|x| x as f32).into()
-    }
-
-    fn reflectance(&self) -> f32 {
-        (self.reflectance / self.count) as f32
     }
 
     fn colour(&self) -> [u8; 3] {

@@ -1,6 +1,7 @@
 //! Vertices that share a place: the seams of charts and objects, and soups whose triangles share nothing.
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::OnceLock;
 
 use crate::mesh::Mesh;
 use crate::normals::area_weighted_normals;
@@ -19,6 +20,7 @@ impl Mesh {
     /// Computes the normals again from the triangles, weighted by area, over all vertices that share a position: smooth
     /// across seams and in soups of triangles.
     pub fn weld_normals(&mut self) {
+        (self.ambient_occlusion, self.mean_curvature) = (OnceLock::new(), OnceLock::new());
         self.normals = welded_normals(&self.positions, &self.triangles);
     }
 }

@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use super::header::{Element, Header, Kind, Order, Scalar};
 use super::records::{self, Records, bad_index};
-use super::{Fault, Roles, Source, Vertices, colour_scale, ends_inside};
+use super::{Fault, Roles, Source, Vertices, attributes, colour_scale, ends_inside};
 use crate::error::{Defect, Place};
-use crate::mesh::{Attributes, Bounds, relative, round_origin};
+use crate::mesh::{Bounds, relative, round_origin};
 
 /// About how many bytes are read at once.
 const CHUNK: usize = 1 << 18;
@@ -277,7 +277,8 @@ impl Records for Body<'_> {
             Some(properties) => layout.column(element, properties, self.order).map(Some),
             None => Some(None),
         };
-        let one = roles.reflectance.and_then(|property| layout.column(element, [property], self.order));
+        let one = |role: Option<usize>| role.and_then(|property| layout.column(element, [property], self.order));
+        let one = roles.scalars.map(one);
         let (Some(Some(position)), Some(normal), Some(colour)) =
             (three(Some(roles.position)), three(roles.normal), three(roles.colour))
         else {
@@ -287,27 +288,29 @@ impl Records for Body<'_> {
         let origin = round_origin(&self.bounds(&layout, element.count, position)?)?;
         let mut positions = vec![[0.0; 3]; count];
         let mut normals = normal.map(|_| vec![[0.0; 3]; count]);
-        let mut reflectance = one.map(|_| vec![0.0; count]);
+        let mut scalars = one.map(|column| column.map(|_| vec![0.0; count]));
         let mut colours = colour.map(|_| vec![[0; 3]; count]);
         let chunk = layout.chunk();
         let jobs: Vec<_> = {
             let mut normals = normals.as_mut().map(|v| v.chunks_mut(chunk));
-            let mut reflectance = reflectance.as_mut().map(|v| v.chunks_mut(chunk));
+            let mut scalars = scalars.each_mut().map(|scalar| scalar.as_mut().map(|v| v.chunks_mut(chunk)));
             let mut colours = colours.as_mut().map(|v| v.chunks_mut(chunk));
             let job = |positions| {
                 let normals = normals.as_mut().and_then(Iterator::next);
-                let reflectance = reflectance.as_mut().and_then(Iterator::next);
-                (positions, normals, reflectance, colours.as_mut().and_then(Iterator::next))
+                let scalars = scalars.each_mut().map(|scalar| scalar.as_mut().and_then(Iterator::next));
+                (positions, normals, scalars, colours.as_mut().and_then(Iterator::next))
             };
             positions.chunks_mut(chunk).map(job).collect()
         };
-        self.chunks(&layout, element.count, jobs, |_, (positions, normals, reflectance, colours), bytes| {
+        self.chunks(&layout, element.count, jobs, |_, (positions, normals, scalars, colours), bytes| {
             position.fill(bytes, positions, |p| relative(p, &origin));
             if let (Some(column), Some(out)) = (normal, normals) {
                 column.fill(bytes, out, |n| n.map(|x| x as f32));
             }
-            if let (Some(column), Some(out)) = (one, reflectance) {
-                column.fill(bytes, out, |[r]| r as f32);
+            for (column, out) in one.into_iter().zip(scalars) {
+                if let (Some(column), Some(out)) = (column, out) {
+                    column.fill(bytes, out, |[value]| value as f32);
+                }
             }
             if let (Some(column), Some(out)) = (colour, colours) {
                 let scale = colour_scale(column.scalar);
@@ -315,7 +318,7 @@ impl Records for Body<'_> {
             }
         })?;
         self.offset += layout.stride as u64 * element.count;
-        Ok(Some(Vertices { origin, positions, attributes: Attributes { normals, reflectance, colours } }))
+        Ok(Some(Vertices { origin, positions, attributes: attributes(normals, scalars, colours) }))
     }
 
     fn bulk_triangles(

@@ -1,8 +1,8 @@
 //! Any PLY body, text or binary, value by value.
 use super::header::{Element, Header, Kind, Scalar, shorten};
-use super::{Fault, Roles, Source, Vertices, colour_scale, ends_inside};
+use super::{Fault, Roles, Source, Vertices, attributes, colour_scale, ends_inside};
 use crate::error::{Defect, Place};
-use crate::mesh::{Attributes, localize};
+use crate::mesh::localize;
 
 /// A stream of records of values.
 pub(super) trait Records {
@@ -71,7 +71,7 @@ pub(super) fn read(
 fn vertices(records: &mut impl Records, element: &Element, roles: &Roles) -> Result<Vertices, Fault> {
     let mut points: Vec<[f64; 3]> = Vec::new();
     let mut normals = roles.normal.map(|_| Vec::new());
-    let mut reflectance = roles.reflectance.map(|_| Vec::new());
+    let mut scalars = roles.scalars.map(|scalar| scalar.map(|_| Vec::new()));
     let mut colours = roles.colour.map(|_| Vec::new());
     let scale = roles.colour.map_or(1.0, |[red, ..]| match element.properties[red].kind {
         Kind::One(scalar) | Kind::List { item: scalar, .. } => colour_scale(scalar),
@@ -98,8 +98,10 @@ fn vertices(records: &mut impl Records, element: &Element, roles: &Roles) -> Res
         if let (Some(normals), Some(normal)) = (&mut normals, roles.normal) {
             normals.push(normal.map(|i| values[i] as f32));
         }
-        if let (Some(reflectance), Some(i)) = (&mut reflectance, roles.reflectance) {
-            reflectance.push(values[i] as f32);
+        for (scalars, role) in scalars.iter_mut().zip(roles.scalars) {
+            if let (Some(scalars), Some(i)) = (scalars, role) {
+                scalars.push(values[i] as f32);
+            }
         }
         if let (Some(colours), Some(colour)) = (&mut colours, roles.colour) {
             colours.push(colour.map(|i| (values[i] * scale).round() as u8));
@@ -107,7 +109,7 @@ fn vertices(records: &mut impl Records, element: &Element, roles: &Roles) -> Res
         records.end()?;
     }
     let (origin, positions) = localize(&points)?;
-    Ok(Vertices { origin, positions, attributes: Attributes { normals, reflectance, colours } })
+    Ok(Vertices { origin, positions, attributes: attributes(normals, scalars, colours) })
 }
 
 /// The faces as fans of triangles, record by record. Faces of fewer than three corners are skipped.
