@@ -9,6 +9,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Parser, Subcommand, ValueEnum};
 use texreg::calib::Model;
 use texreg::driver::{MetricName, RotationName, SolverName};
+use texreg::formats::Format;
 use texreg::surface::SignalName;
 
 /// Lays photographs onto scanned 3D models.
@@ -39,6 +40,8 @@ pub(crate) enum Command {
     Render(Render),
     /// Score cameras against the true ones
     Evaluate(Evaluate),
+    /// Take cameras to and from other programs
+    Convert(Convert),
 }
 
 /// What `register` and `pose` have in common.
@@ -192,6 +195,28 @@ pub(crate) struct Render {
     /// The folder to write to
     #[arg(short, long, value_name = "DIR", default_value = "texreg-out")]
     pub(crate) output: PathBuf,
+}
+
+/// `texreg convert`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Convert {
+    /// The file of cameras to read; for COLMAP a folder
+    pub(crate) input: PathBuf,
+    /// The file to write; for COLMAP a folder. Cameras are added to a .glb that is there already
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// The format of the input [default: by its name]
+    #[arg(long, value_name = "NAME", value_parser = named(Format::ALL))]
+    pub(crate) from: Option<Format>,
+    /// The format of the output [default: by its name]
+    #[arg(long, value_name = "NAME", value_parser = named(Format::ALL))]
+    pub(crate) to: Option<Format>,
+    /// The folder of the photos [default: the input's]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) photos: Option<PathBuf>,
+    /// The model that the output shall name [default: the one the input names]
+    #[arg(long, value_name = "MODEL")]
+    pub(crate) model: Option<PathBuf>,
 }
 
 /// `texreg evaluate`

@@ -6,6 +6,7 @@
 mod args;
 mod calibrate;
 mod calibration_report;
+mod convert;
 mod corners;
 mod evaluate;
 mod inputs;
@@ -50,5 +51,6 @@ fn run(args: &Args) -> anyhow::Result<Ending> {
         Command::Render(render) => render::run(render, args.json),
         Command::Calibrate(calibrate) => calibrate::run(calibrate, args.json),
         Command::Evaluate(evaluate) => evaluate::run(evaluate, args.json),
+        Command::Convert(convert) => convert::run(convert, args.json),
     }
 }

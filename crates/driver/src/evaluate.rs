@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use texreg_camera::{Camera, View};
 use texreg_lie::Pose;
 
-use crate::files::{CameraFile, FileError, read_cameras};
+use texreg_formats::{CameraFile, FileError, read_cameras};
 
 /// The displacement charged for a point that one of the two cameras does not see in front of itself, in pixels.
 const LOST: f64 = 1e6;

@@ -5,7 +5,6 @@
 
 mod error;
 mod evaluate;
-mod files;
 mod layer;
 mod model;
 mod objective;
@@ -24,10 +23,6 @@ mod verdict;
 
 pub use error::Error;
 pub use evaluate::{Motion, Score, TruePhoto, Truth, motion, read_truth, score};
-pub use files::{
-    CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
-    write_atomic, write_cameras,
-};
 pub use layer::layer;
 pub use model::Model;
 pub use options::{MetricName, Options, RotationName, SolverName};
@@ -36,3 +31,8 @@ pub use overlay::{Panel, overlay};
 pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
 pub use register::{Registration, register};
+// The files of cameras are the door of the same house.
+pub use texreg_formats::{
+    CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
+    write_atomic, write_cameras,
+};

@@ -4,8 +4,9 @@ use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
 use exif::{In, Tag};
-use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits, RgbImage};
 use rayon::prelude::*;
+use texreg_camera::{Camera, Samples, rectify};
 
 /// The most pixels a photo may be wide or high.
 const MOST_PIXELS: u32 = 65_536;
@@ -95,6 +96,16 @@ impl Photo {
     /// The focal length in pixels by EXIF: the longer side of the photo stands for the 36 mm of the film.
     pub fn focal(&self) -> Option<f64> {
         Some(self.focal_35mm? * f64::from(self.width.max(self.height)) / 36.0)
+    }
+
+    /// The picture that `target` would have taken from where `source` took this photo, black where the photo shows nothing; `None`
+    /// if `source` is for photos of another size.
+    pub fn rectified(&self, source: &Camera, target: &Camera) -> Option<RgbImage> {
+        let values: Vec<f32> = self.rgb.as_flattened().iter().map(|&v| f32::from(v)).collect();
+        let (width, height) = (self.width as usize, self.height as usize);
+        let out = rectify(&Samples { width, height, channels: 3, values: &values }, source, target)?;
+        // NaN, where nothing is seen, becomes zero.
+        RgbImage::from_raw(target.width, target.height, out.into_iter().map(|v| v.round() as u8).collect())
     }
 }
 

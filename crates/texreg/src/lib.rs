@@ -2,6 +2,7 @@
 pub use texreg_calib as calib;
 pub use texreg_camera as camera;
 pub use texreg_driver as driver;
+pub use texreg_formats as formats;
 pub use texreg_lie as lie;
 pub use texreg_mi as mi;
 pub use texreg_optim as optim;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use nalgebra::{Point3, Rotation3, Vector3};
 use serde_json::json;
 use texreg_camera::{Camera, Distortion, View};
-use texreg_driver::{
+use texreg_formats::{
     CameraEntry, CameraFile, LensFile, read_cameras, read_lenses, read_pairs, write_atomic, write_cameras,
 };
 use texreg_lie::Pose;

@@ -1,0 +1,59 @@
+//! `texreg convert` through the binary.
+
+mod common;
+
+use std::fs;
+
+use common::{fixture, run};
+use serde_json::Value;
+
+/// Cameras go through every format that is read and come back as they were; the true cameras still score as true.
+#[test]
+fn cameras_go_out_and_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = fixture("truth.json");
+    let truth = truth.to_str().unwrap();
+    for name in ["p.mlp", "bundle.out", "cameras.xml", "transforms.json", "colmap", "colmap-binary"] {
+        let to = if name.starts_with("colmap") { name } else { "" };
+        let option = if to.is_empty() { "" } else { "--to" };
+        let there = run(folder.path(), &["convert", truth, "-o", name, option, to]);
+        assert_eq!(there.status, 0, "{name}: {}", there.stderr);
+        let back = run(folder.path(), &["convert", name, "-o", "cameras.json"]);
+        assert_eq!(back.status, 0, "{name}: {}", back.stderr);
+        let score = run(folder.path(), &["evaluate", "cameras.json", "--truth", truth, "--json"]);
+        let score: Value = serde_json::from_str(&score.stdout).unwrap();
+        for photo in score["photos"].as_array().unwrap() {
+            let mean = photo["mean_px"].as_f64().unwrap();
+            assert!(mean < 1e-3, "{name}: {photo}");
+        }
+    }
+}
+
+/// A photo whose lens a format cannot carry goes over as a picture without distortion, and the user is told.
+#[test]
+fn a_distorted_photo_is_handed_over_undistorted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut truth: Value = serde_json::from_slice(&fs::read(fixture("truth.json")).unwrap()).unwrap();
+    for photo in truth["photos"].as_array_mut().unwrap() {
+        photo["distortion"] = serde_json::json!([-0.1, 0.02, 0.0, 0.0, 0.0]);
+    }
+    fs::write(folder.path().join("in.json"), truth.to_string()).unwrap();
+    let photos = fixture("");
+    let done = run(folder.path(), &["convert", "in.json", "-o", "out/p.mlp", "--photos", photos.to_str().unwrap()]);
+    assert_eq!(done.status, 0, "{}", done.stderr);
+    assert!(done.stderr.contains("cannot carry its distortion"), "{}", done.stderr);
+    let picture = image::open(folder.path().join("out/undistorted/photo_00.png")).unwrap();
+    let size = |key: &str| truth["photos"][0][key].as_u64().unwrap() as u32;
+    assert_eq!([picture.width(), picture.height()], [size("width"), size("height")]);
+    let project = fs::read_to_string(folder.path().join("out/p.mlp")).unwrap();
+    assert!(project.contains("fileName=\"undistorted/photo_00.png\""), "{project}");
+}
+
+#[test]
+fn an_unknown_format_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = fixture("truth.json");
+    let done = run(folder.path(), &["convert", truth.to_str().unwrap(), "-o", "cameras.abc"]);
+    assert_eq!(done.status, 1);
+    assert!(done.stderr.contains("cameras.abc") && done.stderr.contains("--to"), "{}", done.stderr);
+}
