@@ -3,6 +3,8 @@
 mod common;
 
 use std::fs;
+use std::path::Path;
+use std::process::Command;
 
 use common::{fixture, run};
 use serde_json::Value;
@@ -56,4 +58,26 @@ fn an_unknown_format_is_said() {
     let done = run(folder.path(), &["convert", truth.to_str().unwrap(), "-o", "cameras.abc"]);
     assert_eq!(done.status, 1);
     assert!(done.stderr.contains("cameras.abc") && done.stderr.contains("--to"), "{}", done.stderr);
+}
+
+/// What the programs themselves make of our files, where they are installed; `TEXREG_PYTHON` names the Python that has them.
+#[test]
+fn other_programs_agree() {
+    let python = std::env::var("TEXREG_PYTHON").unwrap_or_else(|_| "python3".into());
+    let has_numpy =
+        Command::new(&python).args(["-c", "import numpy"]).output().is_ok_and(|output| output.status.success());
+    if !has_numpy {
+        eprintln!("skipped: {python} has no numpy, so no program's reading of our files can be checked");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/programs.py");
+    let output = Command::new(&python)
+        .args([script.as_os_str(), env!("CARGO_BIN_EXE_texreg").as_ref(), folder.path().as_os_str()])
+        .env("QT_QPA_PLATFORM", "offscreen")
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    eprintln!("{said}");
 }

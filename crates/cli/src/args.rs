@@ -55,7 +55,8 @@ pub(crate) struct Inputs {
     /// Points of the model and the pixels that show them, four or more a photo: a correspondences.json
     #[arg(long, display_order = 0, value_name = "FILE")]
     pub(crate) pairs: Option<PathBuf>,
-    /// Intrinsics and distortion: a camera.json, or a cameras.json that names the photos [default: --init's, or EXIF's]
+    /// Intrinsics and distortion: a camera.json, a calibration of OpenCV's, or cameras that name the photos [default: --init's,
+    /// or EXIF's]
     #[arg(long, value_name = "FILE")]
     pub(crate) camera: Option<PathBuf>,
     /// The folder to write to
@@ -69,7 +70,7 @@ pub(crate) struct Inputs {
 pub(crate) struct Register {
     #[command(flatten)]
     pub(crate) inputs: Inputs,
-    /// Start from these cameras: a cameras.json
+    /// Start from these cameras: a cameras.json, or another program's file that `texreg convert` reads
     #[arg(long, display_order = 0, value_name = "FILE")]
     pub(crate) init: Option<PathBuf>,
     /// The measure of agreement

@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 use image::ImageFormat;
 use serde_json::json;
 use texreg::driver::Photo;
-use texreg::formats::{CameraEntry, Format, Lens, LensFile, Scene, base_name, lost, read_lenses, write_lens};
+use texreg::formats::{CameraEntry, Format, Lens, LensFile, base_name, lost, read_lenses, write_lens};
 
 use crate::Ending;
 use crate::args::Convert;
@@ -46,7 +46,8 @@ pub(crate) fn run(args: &Convert, json: bool) -> anyhow::Result<Ending> {
     for warning in &warnings {
         eprintln!("warning: {}: {warning}", args.input.display());
     }
-    let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
+    let shown = |path: &PathBuf| path.strip_prefix(".").unwrap_or(path).display().to_string();
+    let written: Vec<String> = written.iter().map(shown).collect();
     if json {
         print(&format!("{:#}", json!({"files": written, "warnings": warnings})))?;
     } else {

@@ -116,10 +116,12 @@ fn lens(sensor: Element) -> Result<Lens, FileError> {
     if or_zero("k4")? != 0.0 || or_zero("p3")? != 0.0 || or_zero("p4")? != 0.0 {
         return Err(calibration.error("field k4: a lens with k4, p3 or p4 is not supported"));
     }
+    // Before version 1.3 of the files there were fx and fy, and the principal point was told from the corner.
+    let origin = if number("fx")?.is_some() { [0.0; 2] } else { [0.5 * width, 0.5 * height] };
     Ok(Lens {
         size: Some([width as u32, height as u32]),
         focal: [fx, f],
-        principal: [Some(0.5 * (width - 1.0) + or_zero("cx")?), Some(0.5 * (height - 1.0) + or_zero("cy")?)],
+        principal: [Some(origin[0] - 0.5 + or_zero("cx")?), Some(origin[1] - 0.5 + or_zero("cy")?)],
         skew: or_zero("b2")?,
         distortion: Distortion::from([or_zero("k1")?, or_zero("k2")?, or_zero("p2")?, or_zero("p1")?, or_zero("k3")?]),
     })

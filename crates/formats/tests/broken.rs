@@ -78,7 +78,7 @@ fn others() {
     check(Format::Bundler, "500 0 0", "500 0", &["line 3", "a.jpg", "f k1 k2"]);
     check(Format::Bundler, "1 0\n", "9 0\n", &["has 9 cameras", "names 1"]);
     check(Format::Bundler, "0 -1 0", "0 1 0", &["a.jpg", "field R", "mirrors"]);
-    check(Format::Metashape, "sensor_id=\"0\"", "sensor_id=\"3\"", &["line 18", "a.jpg", "sensor 3"]);
+    check(Format::Metashape, "sensor_id=\"0\"", "sensor_id=\"3\"", &["line 23", "a.jpg", "sensor 3"]);
     check(Format::Metashape, "type=\"frame\"", "type=\"fisheye\"", &["line 5", "fisheye"]);
     check(Format::Metashape, "<transform>1 0", "<transform>1 one", &["a.jpg", "transform"]);
     check(Format::Nerfstudio, "\"OPENCV\"", "\"OPENCV_FISHEYE\"", &["camera_model", "OPENCV_FISHEYE"]);
