@@ -14,13 +14,10 @@ use texreg_lie::Pose;
 
 pub(crate) fn read(path: &Path) -> Result<Scene, FileError> {
     let mut top = Fields::open(path)?;
-    if let Some(model) = top.take_optional::<String>("camera_model")? {
-        if !["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "perspective"].contains(&model.as_str())
-        {
-            return Err(
-                top.error("camera_model", &format!("a camera of the kind '{model}' is not supported; OPENCV is"))
-            );
-        }
+    if let Some(model) = top.take_optional::<String>("camera_model")?
+        && !["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "perspective"].contains(&model.as_str())
+    {
+        return Err(top.error("camera_model", &format!("a camera of the kind '{model}' is not supported; OPENCV is")));
     }
     let frames: Vec<Map<String, Value>> = top.take("frames")?;
     let mut scene = Scene::default();

@@ -119,7 +119,7 @@ fn opencvs_own_file_is_read() {
     fs::write(&path, text).unwrap();
     let LensFile::Shared(lens) = read_lenses(&path).unwrap() else { panic!("one lens") };
     assert_eq!(lens.size, Some([640, 480]));
-    assert_eq!(lens.focal, [5.359157339616320e+02; 2]);
+    assert_eq!(lens.focal, [5.359_157_339_616_32e2; 2]);
     assert_eq!(lens.distortion.to_array()[4], 2.3839153080878486e-01);
 }
 

@@ -26,7 +26,7 @@ pub(super) fn read_cameras(path: &Path) -> Result<Cameras, FileError> {
         let model = MODELS.iter().find(|(_, known, _)| *known == name).map(|(number, ..)| *number);
         let size = [word(&mut words, "WIDTH")?, word(&mut words, "HEIGHT")?];
         let mut parameters = Vec::new();
-        while let Some(parameter) = words.next() {
+        for parameter in words {
             parameters.push(word(&mut std::iter::once(parameter), "PARAMS")?);
         }
         Ok((id, Camera::checked(model, size, parameters)?))
