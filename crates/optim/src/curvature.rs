@@ -1,6 +1,7 @@
 //! The curvature of an objective: dense, or in the shape of an arrow.
 
-use crate::Arrow;
+use crate::bounded_step::bounded_step;
+use crate::{Arrow, Region};
 use nalgebra::{DMatrix, DVector};
 
 /// A positive semidefinite stand-in for minus the Hessian.
@@ -29,12 +30,42 @@ impl Curvature {
         Some(step).filter(|step| step.iter().all(|x| x.is_finite()))
     }
 
+    /// The step of [`damped_step`](Self::damped_step) that is best within a region.
+    pub(crate) fn damped_step_within(
+        &self,
+        gradient: &DVector<f64>,
+        damping: f64,
+        region: &Region,
+    ) -> Option<DVector<f64>> {
+        let step = self.damped_step(gradient, damping)?;
+        if region.contains(&step) {
+            return Some(step);
+        }
+        let mut damped = self.to_dense()?;
+        let floor = floor(damped.diagonal().max());
+        damp(&mut damped, damping, floor);
+        bounded_step(region, gradient, &damped)
+    }
+
     /// `sᵀHs`; zero where nothing is known.
     pub fn along(&self, step: &DVector<f64>) -> f64 {
         match self {
             Self::Unknown => 0.0,
             Self::Dense(matrix) => (matrix * step).dot(step),
             Self::Arrow(arrow) => arrow.along(step),
+        }
+    }
+
+    /// The diagonal; `None` where nothing is known.
+    pub fn diagonal(&self) -> Option<DVector<f64>> {
+        match self {
+            Self::Unknown => None,
+            Self::Dense(matrix) => Some(matrix.diagonal()),
+            Self::Arrow(arrow) => {
+                let blocks = arrow.arms.iter().map(|arm| &arm.own).chain([&arrow.shared]);
+                let entries = blocks.flat_map(|block| (0..block.nrows()).map(|i| block[(i, i)]));
+                Some(DVector::from_iterator(arrow.dimension(), entries))
+            }
         }
     }
 

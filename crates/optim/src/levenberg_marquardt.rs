@@ -2,7 +2,7 @@
 //! 1963, with the damping schedule of H. B. Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05.
 //!
 //! The step solves `(H + λ diag H) s = g` for the gradient `g` and the curvature `H`, so that it does not depend on the
-//! units of the parameters. A step is taken if the objective grows; `λ` follows the ratio of the growth to what the
+//! units of the parameters. It is the best such step within the manifold's region. A step is taken if the objective grows; `λ` follows the ratio of the growth to what the
 //! quadratic model promised.
 
 use crate::{Curvature, Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
@@ -49,6 +49,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
         let mut damping = self.damping;
         let mut growth = 2.0;
         let mut iterations = Vec::new();
+        let mut region = manifold.region(&point);
         let stop = loop {
             if iterations.len() == self.iterations {
                 break Stop::Exhausted;
@@ -56,7 +57,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
             if damping > MAX_DAMPING {
                 break Stop::Stalled;
             }
-            let Some(step) = derivatives.curvature.damped_step(&derivatives.gradient, damping) else {
+            let Some(step) = derivatives.curvature.damped_step_within(&derivatives.gradient, damping, &region) else {
                 damping *= growth;
                 growth *= 2.0;
                 continue;
@@ -85,6 +86,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
                 growth = 2.0;
                 (point, value) = (trial, trial_value);
                 derivatives = objective.derivatives(&point);
+                region = manifold.region(&point);
             } else {
                 damping *= growth;
                 growth *= 2.0;

@@ -25,24 +25,33 @@
 //! ```
 
 mod arrow;
+mod ascent;
 mod block_cholesky;
+mod bounded_step;
 mod check;
 mod curvature;
+mod derivative_free;
 mod least_squares;
 mod levenberg_marquardt;
+mod line_search;
 mod loss;
 mod manifold;
 mod objective;
 mod region;
 mod solver;
+mod stochastic;
 
 pub use arrow::{Arm, Arrow, ArrowInverse, Pair};
+pub use ascent::{Ascent, Direction};
 pub use check::gradient_discrepancy;
 pub use curvature::Curvature;
+pub use derivative_free::{Bobyqa, NelderMead};
 pub use least_squares::{Accumulator, LeastSquares, MinusCost, covariance};
 pub use levenberg_marquardt::LevenbergMarquardt;
+pub use line_search::LineSearch;
 pub use loss::Loss;
 pub use manifold::{Charted, Euclidean, Manifold, Power};
 pub use objective::{Derivatives, Objective};
 pub use region::Region;
 pub use solver::{Iteration, Report, Solver, Stop};
+pub use stochastic::StochasticGradient;

@@ -32,8 +32,8 @@ impl Loss {
                 (c * c * x.ln_1p(), 1.0 / (1.0 + x))
             }
             Self::Tukey(c) => {
-                let rest = (1.0 - s / (c * c)).max(0.0);
-                (c * c / 3.0 * (1.0 - rest.powi(3)), rest * rest)
+                let x = (s / (c * c)).min(1.0);
+                (c * c * x * (1.0 - x + x * x / 3.0), (1.0 - x) * (1.0 - x))
             }
             Self::GemanMcClure(c) => {
                 let rest = 1.0 / (1.0 + s / (c * c));

@@ -13,7 +13,7 @@ pub struct Region {
 }
 
 /// The share of a ball's radius that steps use: charts are defined inside, not on the border.
-const INSIDE: f64 = 0.99;
+pub(crate) const INSIDE: f64 = 0.99;
 
 impl Region {
     /// This region, with these components in a ball.
@@ -63,5 +63,21 @@ impl Region {
             }
         }
         direction
+    }
+
+    /// A box inside, for methods that know no other bounds: its lower and upper corner. Infinite where nothing bounds.
+    pub fn boxed(&self, dimension: usize) -> (DVector<f64>, DVector<f64>) {
+        let mut low = DVector::from_element(dimension, f64::NEG_INFINITY);
+        let mut high = DVector::from_element(dimension, f64::INFINITY);
+        let mut keep = |i: usize, least: f64, most: f64| {
+            low[i] = low[i].max(least);
+            high[i] = high[i].min(most);
+        };
+        for (part, radius) in &self.balls {
+            let half = INSIDE * radius / (part.len() as f64).sqrt();
+            part.clone().for_each(|i| keep(i, -half, half));
+        }
+        self.bounds.iter().for_each(|&(i, least, most)| keep(i, least, most));
+        (low, high)
     }
 }
