@@ -3,6 +3,7 @@
 //! [`register`] takes a model, a photo and a rough view and hands back the view that maximizes the metric, with a verdict.
 //! Around it stand the doors: [`Photo`], the camera files, and the score against known cameras.
 
+mod climb;
 mod error;
 mod evaluate;
 mod layer;

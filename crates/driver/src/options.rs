@@ -91,6 +91,20 @@ names! {
         /// Levenberg–Marquardt with the metric's curvature.
         #[default]
         LevenbergMarquardt = "lm",
+        /// Steepest ascent with backtracking.
+        Gradient = "gradient",
+        /// Nonlinear conjugate gradients.
+        ConjugateGradient = "cg",
+        /// The quasi-Newton method of Broyden, Fletcher, Goldfarb and Shanno.
+        Bfgs = "bfgs",
+        /// The same with a memory of eight steps.
+        LimitedBfgs = "lbfgs",
+        /// Stochastic gradients on random batches of samples.
+        StochasticGradient = "sgd",
+        /// Powell's quadratic models, without derivatives.
+        Bobyqa = "bobyqa",
+        /// The simplex of Nelder and Mead, without derivatives.
+        NelderMead = "nelder-mead",
     }
 }
 

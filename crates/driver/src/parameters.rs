@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2x5, Rotation3, Vector2, Vector3};
 use texreg_camera::{Camera, Projection, View};
 use texreg_lie::{Chart, Pose};
-use texreg_optim::{Curvature, Derivatives, Manifold};
+use texreg_optim::{Curvature, Derivatives, Manifold, Region};
 
 /// Which parts of the camera are refined with the pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,6 +22,9 @@ pub struct Refine {
 
 /// The components of the pose in the tangent space.
 pub(crate) const POSE: usize = 6;
+
+/// How far log f goes by one step.
+const FOCAL_STEP: f64 = 0.22;
 
 /// The most components the tangent space can have.
 pub(crate) const MOST: usize = POSE + 8;
@@ -114,6 +117,13 @@ impl ViewSpace<'_> {
 impl Manifold<View> for ViewSpace<'_> {
     fn dimension(&self) -> usize {
         self.rotation.dimension() + self.refine.dimension() - 3
+    }
+
+    /// Within the chart's radius, and a focal length at most a quarter longer or shorter by one step.
+    fn region(&self, _: &View) -> Region {
+        let turn = self.rotation.dimension();
+        let region = Region::default().ball(0..turn, self.rotation.radius());
+        if self.refine.focal { region.bound(turn + 3, -FOCAL_STEP, FOCAL_STEP) } else { region }
     }
 
     fn retract(&self, at: &View, step: &DVector<f64>) -> Option<View> {

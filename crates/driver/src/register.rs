@@ -8,6 +8,7 @@
 //! To climb is to render, to take samples, and to maximize the metric over them, until a new rendering changes nothing. Views are
 //! compared by the metric over the model and a band of background in a fixed proportion to it.
 
+use crate::climb::Batches;
 use crate::model::Model;
 use crate::objective::{PhotoObjective, Prior};
 use crate::outcome::{Event, Outcome, Stage};
@@ -23,7 +24,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::View;
 use texreg_mi::Parzen;
-use texreg_optim::{LevenbergMarquardt, Objective, Solver};
+use texreg_optim::{Objective, Report};
 
 /// Registers one photo, starting from a rough view of the world.
 ///
@@ -249,16 +250,32 @@ impl<'a> Registration<'a> {
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
         let sampling = Sampling::with_halo(effort.samples);
         let space = self.space(if index < 2 { refine } else { Refine::default() });
-        let solver = match self.options.solver {
-            SolverName::LevenbergMarquardt => {
-                LevenbergMarquardt { iterations: effort.iterations, damping: 1e-2, gain_tolerance: effort.gain }
-            }
-        };
+        let solver = self.options.solver.solver(effort.iterations, effort.gain);
         let mut climb = Climb { view: *from, similarity: (0.0, 0.0), evaluations: 0, renderings: 0 };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
             let mut objective = self.objective(index, &samples, &space, start);
-            let report = solver.maximize(&space, &mut objective, climb.view, &mut |_| ())?;
+            let report = if self.options.solver == SolverName::StochasticGradient {
+                let mut batches = Batches {
+                    samples: &samples,
+                    level,
+                    density: &self.density,
+                    metric: objective.metric,
+                    space: &space,
+                    prior: objective.prior,
+                    seed: self.options.seed,
+                    batch: samples.clone(),
+                };
+                let before = objective.value(&climb.view)?;
+                let report = solver.maximize(&space, &mut batches, climb.view, &mut |_| ())?;
+                // What counts is the whole; a batch's maximum may be none of its.
+                let after = objective.value(&report.point).filter(|after| *after > before);
+                let point = if after.is_some() { report.point } else { climb.view };
+                climb.evaluations += report.iterations.len();
+                Report { point, start: before, value: after.unwrap_or(before), ..report }
+            } else {
+                solver.maximize(&space, &mut objective, climb.view, &mut |_| ())?
+            };
             climb.evaluations += objective.evaluations;
             climb.renderings += 1;
             if rendering == 0 {

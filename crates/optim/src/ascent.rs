@@ -164,13 +164,14 @@ impl<Point: Clone> Solver<Point> for Ascent {
             let fresh = memory.last.is_none();
             let mut along = region.tangent(&direction.component_mul(&units));
             let mut slope = gradient.dot(&along);
-            if !(slope > 0.0 && slope.is_finite()) && !fresh {
+            let rises = |slope: f64| slope > 0.0 && slope.is_finite();
+            if !fresh && !rises(slope) {
                 memory = Memory { pairs: VecDeque::new(), inverse: None, last: None };
                 direction = scaled.clone();
                 along = region.tangent(&direction.component_mul(&units));
                 slope = gradient.dot(&along);
             }
-            if !(slope.is_finite() && slope > 0.0) {
+            if !rises(slope) {
                 break Stop::Converged;
             }
             let is_quasi_newton = memory.inverse.is_some() || !memory.pairs.is_empty();
