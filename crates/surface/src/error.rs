@@ -14,7 +14,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The file is of no format this crate reads.
-    #[error("{}: not a PLY or OBJ file; convert the model to one of these", path.display())]
+    #[error("{}: not a PLY, OBJ, STL, OFF, glTF or MeshLab project file; convert the model to one of these", path.display())]
     Format {
         /// The file.
         path: PathBuf,
@@ -27,6 +27,14 @@ pub enum Error {
         /// Where in the file.
         place: Place,
         /// What is wrong there.
+        cause: String,
+    },
+    /// The file cannot be decoded.
+    #[error("{}: {cause}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder says.
         cause: String,
     },
     /// The file is well formed, but what it holds is no usable surface.

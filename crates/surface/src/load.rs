@@ -5,14 +5,19 @@ use std::path::Path;
 
 use crate::error::Error;
 use crate::mesh::Mesh;
-use crate::{obj, ply};
+use crate::{gltf, mlp, obj, off, ply, stl};
 
-/// Loads a model from a PLY or an OBJ file.
+/// Loads a model from a PLY, OBJ, STL, OFF or glTF file, or all meshes of a MeshLab project.
 ///
 /// - PLY: ASCII and binary of both byte orders. Vertices have `x y z`, optionally normals `nx ny nz`, colours
 ///   `red green blue` and a reflectance, the first of `reflectance`, `intensity`, `scalar_Intensity` and `quality`.
 ///   Faces are polygons of any length and become fans of triangles; other elements and properties are skipped.
 /// - OBJ: positions, normals, vertex colours and polygons of all objects of the file together.
+/// - STL and OFF: positions and faces.
+/// - glTF (`.gltf`, `.glb`): the triangles of all meshes in its scene where its nodes put them, with normals and colours.
+/// - MeshLab project (`.mlp`): its meshes, each moved by its matrix.
+///
+/// Several meshes are one model, which has an attribute if all of them do. Units and axes are left as they are.
 ///
 /// Normals that are absent or invalid are computed from the triangles around the vertex, weighted by area.
 ///
@@ -33,12 +38,18 @@ pub fn load(path: impl AsRef<Path>) -> Result<Mesh, Error> {
             ply::Source::Bytes(&magic)
         };
         ply::read(&source, path)
-    } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
-        Err(ply::not_ply(path, &magic))
-    } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj")) {
-        file.read_to_end(&mut magic).map_err(io)?;
-        obj::read(&magic, path)
     } else {
-        Err(Error::Format { path: path.to_owned() })
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let mut whole = |mut bytes: Vec<u8>| file.read_to_end(&mut bytes).map(|_| bytes).map_err(io);
+        match extension.as_str() {
+            _ if magic == *b"glTF" => gltf::read(&whole(magic)?, path),
+            "ply" => Err(ply::not_ply(path, &magic)),
+            "obj" => obj::read(&whole(magic)?, path),
+            "stl" => stl::read(&whole(magic)?, path),
+            "off" => off::read(&whole(magic)?, path),
+            "gltf" | "glb" => gltf::read(&whole(magic)?, path),
+            "mlp" => mlp::read(&whole(magic)?, path, |file| load(file)),
+            _ => Err(Error::Format { path: path.to_owned() }),
+        }
     }
 }

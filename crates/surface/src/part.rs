@@ -1,0 +1,80 @@
+//! Parts of a model: several meshes, each in a frame of its own, put together in one.
+use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
+
+use crate::error::Defect;
+use crate::mesh::{Attributes, Mesh};
+
+/// Triangles over points of the world, with attributes that are kept if every part of a model has them.
+#[derive(Default)]
+pub(crate) struct Part {
+    pub(crate) points: Vec<[f64; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+    pub(crate) attributes: Attributes,
+}
+
+impl Part {
+    /// A mesh as a part.
+    pub(crate) fn of(mesh: Mesh) -> Self {
+        let points = (0..mesh.positions.len()).map(|i| mesh.point(i).into()).collect();
+        let Mesh { triangles, normals, reflectance, colours, .. } = mesh;
+        let attributes = Attributes { normals: Some(normals), reflectance, colours, ..Attributes::default() };
+        Self { points, triangles, attributes }
+    }
+
+    /// Moves the part by an affine transform, world from part. One that mirrors turns the triangles over, so that outside
+    /// stays outside.
+    pub(crate) fn moved(mut self, world_from_part: &Matrix4<f64>) -> Self {
+        if *world_from_part == Matrix4::identity() {
+            return self;
+        }
+        for point in &mut self.points {
+            *point = world_from_part.transform_point(&Point3::from(*point)).into();
+        }
+        let linear: Matrix3<f64> = world_from_part.fixed_view::<3, 3>(0, 0).into();
+        // Normals go with the cofactors, which are the inverse transpose times the determinant.
+        let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
+        let cofactors = sign
+            * Matrix3::from_columns(&[
+                linear.column(1).cross(&linear.column(2)),
+                linear.column(2).cross(&linear.column(0)),
+                linear.column(0).cross(&linear.column(1)),
+            ]);
+        for normal in self.attributes.normals.iter_mut().flatten() {
+            let moved = cofactors * Vector3::from(normal.map(f64::from));
+            *normal = moved.try_normalize(0.0).unwrap_or_default().map(|x| x as f32).into();
+        }
+        if sign < 0.0 {
+            self.triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+        }
+        self
+    }
+}
+
+/// The mesh of all parts together.
+pub(crate) fn assemble(parts: Vec<Part>) -> Result<Mesh, Defect> {
+    let vertices: usize = parts.iter().map(|part| part.points.len()).sum();
+    if vertices > u32::MAX as usize {
+        return Err(Defect::TooManyVertices { vertices: vertices as u64 });
+    }
+    let mut parts = parts.into_iter().filter(|part| !part.points.is_empty());
+    let mut all = parts.next().unwrap_or_default();
+    for part in parts {
+        let shift = all.points.len() as u32;
+        // A vertex out of range stays so.
+        let shifted = |triangle: [u32; 3]| triangle.map(|i| i.saturating_add(shift));
+        all.triangles.extend(part.triangles.into_iter().map(shifted));
+        all.points.extend(part.points);
+        let (ours, theirs) = (&mut all.attributes, part.attributes);
+        join(&mut ours.normals, theirs.normals);
+        join(&mut ours.reflectance, theirs.reflectance);
+        join(&mut ours.colours, theirs.colours);
+    }
+    Mesh::new(&all.points, all.triangles, all.attributes)
+}
+
+fn join<T>(ours: &mut Option<Vec<T>>, theirs: Option<Vec<T>>) {
+    match (ours.as_mut(), theirs) {
+        (Some(ours), Some(theirs)) => ours.extend(theirs),
+        _ => *ours = None,
+    }
+}
