@@ -47,7 +47,7 @@ pub(crate) enum Command {
 /// What `register` and `pose` have in common.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Inputs {
-    /// The model: a triangle mesh in a PLY or OBJ file
+    /// The model: PLY, OBJ, STL, OFF, glTF, or a MeshLab project
     pub(crate) model: PathBuf,
     /// The photos: JPEG, PNG or TIFF
     #[arg(required = true, value_name = "PHOTO")]
@@ -185,7 +185,7 @@ fn positive(text: &str) -> Result<f64, String> {
 /// `texreg render`
 #[derive(Debug, clap::Args)]
 pub(crate) struct Render {
-    /// The model: a triangle mesh in a PLY or OBJ file
+    /// The model: PLY, OBJ, STL, OFF, glTF, or a MeshLab project
     pub(crate) model: PathBuf,
     /// The cameras to see it from: a cameras.json
     #[arg(long, value_name = "FILE")]

@@ -195,7 +195,7 @@ fn broken_files_are_refused_in_one_line() {
     let vertices = QUAD.split_once("0 0 0").expect("a body").0;
     refuses("empty.ply", "", &["empty"]);
     refuses("text.ply", "hello\n", &["line 1", "not a PLY file"]);
-    refuses("photo.jpg", "\u{fffd}JFIF", &["not a PLY or OBJ file"]);
+    refuses("photo.jpg", "\u{fffd}JFIF", &["not a PLY, OBJ"]);
     refuses("header.ply", "ply\nformat ascii 1.0\n", &["line 3", "end_header"]);
     refuses("format.ply", "ply\nformat ebcdic 1.0\nend_header\n", &["line 2", "ebcdic"]);
     refuses("type.ply", QUAD.replace("float y", "quad y"), &["line 6", "quad y"]);
