@@ -88,6 +88,17 @@ fn the_focal_length_comes_from_the_photo_and_is_refined() {
 }
 
 #[test]
+fn a_photo_is_registered_with_nothing_to_start_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let command = "register @model.ply @photo_02.jpg --start search --camera @truth.json -o out";
+    let run = run_fixture(folder.path(), command);
+    assert_eq!((run.status, run.stderr.as_str()), (0, ""), "{run:?}");
+    let (rows, _) = scores(&fixture(""), folder.path(), "out/cameras.json");
+    let row = rows.iter().find(|row| row["file"] == "photo_02.jpg").unwrap();
+    assert!(number(row, "mean_px") < 1.0, "{row}");
+}
+
+#[test]
 fn the_result_does_not_depend_on_threads() {
     let folder = tempfile::tempdir().unwrap();
     let cameras = ["1", "2", "5"].map(|threads| {

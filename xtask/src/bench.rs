@@ -25,6 +25,9 @@ pub(crate) struct Arguments {
     /// The folder with the cases; the repository's fixtures without it.
     #[arg(long, value_name = "DIR")]
     pub(crate) cases: Option<PathBuf>,
+    /// Only the starts whose kind begins with this (accuracy).
+    #[arg(long, value_name = "KIND")]
+    pub(crate) only: Option<String>,
     /// The folder with the installed peers.
     #[arg(long, value_name = "DIR")]
     pub(crate) peers: Option<PathBuf>,

@@ -66,13 +66,16 @@ pub(crate) struct Inputs {
 
 /// `texreg register`
 #[derive(Debug, clap::Args)]
-#[command(group = ArgGroup::new("start").required(true).args(["pairs", "init"]))]
+#[command(group = ArgGroup::new("from").required(true).args(["pairs", "init", "start"]))]
 pub(crate) struct Register {
     #[command(flatten)]
     pub(crate) inputs: Inputs,
     /// Start from these cameras: a cameras.json, or another program's file that `texreg convert` reads
     #[arg(long, display_order = 0, value_name = "FILE")]
     pub(crate) init: Option<PathBuf>,
+    /// Start from nothing: search for the view
+    #[arg(long, display_order = 0, value_name = "HOW")]
+    pub(crate) start: Option<Start>,
     /// The measure of agreement
     #[arg(long, value_name = "NAME", default_value_t, value_parser = named(MetricName::ALL))]
     pub(crate) metric: MetricName,
@@ -107,6 +110,13 @@ impl Register {
             ("seed", self.seed.to_string()),
         ]
     }
+}
+
+/// Where to start with neither pairs nor cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Start {
+    /// Look at the model from everywhere
+    Search,
 }
 
 /// A part of the camera that can be refined.

@@ -31,10 +31,11 @@ pub(crate) struct Inputs {
 enum Start {
     Pairs(PathBuf, Vec<PairsEntry>),
     Init(PathBuf, CameraFile),
+    Nowhere,
 }
 
 impl Inputs {
-    /// Reads the files and finds each photo's entries in them.
+    /// Reads the files and finds each photo's entries in them. Photos with neither pairs nor cameras start nowhere.
     pub(crate) fn read(args: &args::Inputs, init: Option<&Path>) -> anyhow::Result<Self> {
         let mut names = HashSet::new();
         for path in &args.photos {
@@ -46,7 +47,7 @@ impl Inputs {
         let start = match (&args.pairs, init) {
             (_, Some(init)) => Start::Init(init.to_owned(), read_cameras(init)?),
             (Some(pairs), None) => Start::Pairs(pairs.clone(), read_pairs(pairs)?),
-            (None, None) => bail!("no start: give --pairs FILE or --init FILE"),
+            (None, None) => Start::Nowhere,
         };
         let lenses = args.camera.as_ref().map(|path| anyhow::Ok((path.clone(), read_lenses(path)?))).transpose()?;
         let inputs = Self { photos: args.photos.clone(), start, lenses };
@@ -76,6 +77,7 @@ impl Inputs {
                 let named = cameras.photos.iter().map(|entry| entry.file.as_str());
                 cameras.entry(photo).with_context(|| unnamed(path, photo, named))?;
             }
+            Start::Nowhere => {}
         }
         if let Some((path, LensFile::PerPhoto(lenses))) = &self.lenses {
             let named = lenses.iter().map(|(file, _)| file.as_str());
@@ -85,17 +87,19 @@ impl Inputs {
         Ok(())
     }
 
-    /// The file the photos start from.
-    pub(crate) fn start_file(&self) -> &Path {
+    /// What to call a photo in an error: by the file it starts from, if there is one.
+    pub(crate) fn context(&self, photo: &Photo) -> String {
         match &self.start {
-            Start::Pairs(path, _) | Start::Init(path, _) => path,
+            Start::Pairs(path, _) | Start::Init(path, _) => format!("{}: photo {}", path.display(), photo.file),
+            Start::Nowhere => photo.file.clone(),
         }
     }
 
-    /// The view a photo starts from.
-    pub(crate) fn start(&self, photo: &Photo) -> anyhow::Result<View> {
+    /// The view a photo starts from; `None` where it is to be searched for.
+    pub(crate) fn start(&self, photo: &Photo) -> anyhow::Result<Option<View>> {
         match &self.start {
-            Start::Pairs(..) => Ok(self.pose(photo)?.view),
+            Start::Nowhere => Ok(None),
+            Start::Pairs(..) => Ok(Some(self.pose(photo)?.view)),
             Start::Init(path, cameras) => {
                 let named = cameras.photos.iter().map(|entry| entry.file.as_str());
                 let entry = cameras.entry(&photo.file).with_context(|| unnamed(path, &photo.file, named))?;
@@ -103,7 +107,7 @@ impl Inputs {
                     Some(_) => self.camera(photo)?,
                     None => fitted(&entry.lens, path, photo)?,
                 };
-                Ok(View { camera, pose: entry.pose })
+                Ok(Some(View { camera, pose: entry.pose }))
             }
         }
     }
@@ -116,18 +120,17 @@ impl Inputs {
                 .iter()
                 .find(|entry| base_name(&entry.file) == photo.file)
                 .map_or(&[], |entry| entry.points.as_slice()),
-            Start::Init(..) => &[],
+            Start::Init(..) | Start::Nowhere => &[],
         };
         let diagonal = f64::from(photo.width).hypot(f64::from(photo.height));
         let options = posit::Options { threshold: Some(ASTRAY * diagonal), ..posit::Options::default() };
         posit::pose(pairs, &camera, &options).map_err(|cause| {
-            let file = self.start_file().display();
-            anyhow!("{file}: photo {}: no pose fits the pairs ({cause}); check them, or add more", photo.file)
+            anyhow!("{}: no pose fits the pairs ({cause}); check them, or add more", self.context(photo))
         })
     }
 
     /// The camera that `--camera` or EXIF gives a photo.
-    fn camera(&self, photo: &Photo) -> anyhow::Result<Camera> {
+    pub(crate) fn camera(&self, photo: &Photo) -> anyhow::Result<Camera> {
         let Some((path, lenses)) = &self.lenses else {
             let focal = photo.focal().with_context(|| {
                 format!("{}: its EXIF has no 35 mm focal length; give the camera with --camera FILE", photo.file)

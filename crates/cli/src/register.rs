@@ -8,8 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    CameraEntry, CameraFile, Model, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay, register,
-    write_cameras,
+    CameraEntry, CameraFile, Event, Model, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay,
+    register, search, write_cameras,
 };
 use texreg::surface::Mesh;
 
@@ -105,13 +105,20 @@ fn one(
     let start = inputs.start(&photo)?;
     bar.set_message(photo.file.clone());
     let before = bar.position();
-    let outcome = register(model, &photo, &start, options, &mut |event| {
+    let mut first = None;
+    let mut observer = |event: &Event| {
+        first.get_or_insert(event.view);
         bar.set_position(before + PARTS * event.done as u64 / event.of.max(1) as u64);
         ControlFlow::Continue(())
-    });
+    };
+    let outcome = match &start {
+        Some(start) => register(model, &photo, start, options, &mut observer),
+        None => search(model, &photo, &inputs.camera(&photo)?, options, &mut observer),
+    };
     bar.set_position(before + PARTS);
-    let context = || format!("{}: photo {}", inputs.start_file().display(), photo.file);
-    let outcome = outcome.map_err(|error| anyhow!("{}: {error}", context()))?;
+    let outcome = outcome.map_err(|error| anyhow!("{}: {error}", inputs.context(&photo)))?;
+    // What was searched for starts at the best view that the search found.
+    let start = start.or(first).unwrap_or(outcome.view);
     let panels = [
         Panel { label: "start", view: &start, colour: [255, 168, 30] },
         Panel { label: word(outcome.status), view: &outcome.view, colour: colour(outcome.status) },

@@ -20,6 +20,7 @@ mod pyramid;
 mod register;
 mod samples;
 mod search;
+mod survey;
 mod verdict;
 
 pub use error::Error;
@@ -31,7 +32,7 @@ pub use outcome::{Event, Outcome, Stage, Status};
 pub use overlay::{Panel, overlay};
 pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
-pub use register::{Registration, register};
+pub use register::{Registration, register, search};
 // The files of cameras are the door of the same house.
 pub use texreg_formats::{
     CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,

@@ -3,7 +3,7 @@
 use crate::Error;
 use nalgebra::{Point3, Vector3};
 use texreg_camera::View;
-use texreg_surface::{Mesh, Signal, SignalName, Viewpoint, joint_signal};
+use texreg_surface::{Both, Components, Frame, Mesh, Normals, Ranked, Signal, SignalName, Viewpoint, joint_signal};
 
 /// A mesh, what it predicts, and a coarse copy of it for small pictures: made once, for any number of photos.
 pub struct Model<'a> {
@@ -34,6 +34,15 @@ impl<'a> Model<'a> {
         })
     }
 
+    /// What the model predicts in a tiny picture: in few bins.
+    pub(crate) fn rough_signal(&self) -> Box<dyn Signal> {
+        let normals = |steps| Normals { components: Components::Two, frame: Frame::Camera, steps };
+        match Ranked::reflectance(&self.coarse, 3) {
+            Some(reflectance) => Box::new(Both(reflectance, normals(4))),
+            None => Box::new(normals(5)),
+        }
+    }
+
     /// A view of the world as one of the model's own frame, whose origin is near its middle: coordinates are small there, and
     /// the model turns about itself.
     pub(crate) fn inward(&self, view: &View) -> View {
@@ -49,6 +58,17 @@ impl<'a> Model<'a> {
         let mut view = *view;
         view.pose.translation += view.pose.rotation * by;
         view
+    }
+
+    /// Whether a point of the model's frame lies within the photo.
+    pub(crate) fn shows(&self, view: &View, point: &Point3<f64>) -> bool {
+        let (width, height) = (f64::from(view.camera.width), f64::from(view.camera.height));
+        view.project(point).is_some_and(|p| p.x > -0.5 && p.y > -0.5 && p.x < width - 0.5 && p.y < height - 0.5)
+    }
+
+    /// The share of the model's points that lie within the photo.
+    pub(crate) fn inside(&self, view: &View) -> f64 {
+        self.probes.iter().filter(|point| self.shows(view, point)).count() as f64 / self.probes.len() as f64
     }
 
     /// The mean distance between the pictures of the model's points in two views of its frame, in pixels of the photo;

@@ -14,9 +14,6 @@ use texreg_mi::{Joint, Metric, MutualInformation};
 use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles, outline};
 use texreg_surface::{Mesh, Signal, Surfel};
 
-/// The number of colours the photo is reduced to.
-const COLOURS: usize = 24;
-
 /// How far around the silhouette the background counts, in pixels of the picture.
 const BAND: f32 = 5.0;
 
@@ -30,10 +27,14 @@ const HUE: f32 = 2.0;
 pub(crate) struct Overview {
     /// Pixels of the photo, along each axis, that make one of the picture.
     pub(crate) factor: usize,
-    width: usize,
-    height: usize,
+    /// Pixels a row.
+    pub(crate) width: usize,
+    /// Rows.
+    pub(crate) height: usize,
     /// The colour of each pixel.
-    colours: Vec<u16>,
+    pub(crate) colours: Vec<u16>,
+    /// How many pixels have each colour.
+    pub(crate) palette: Vec<u32>,
 }
 
 /// The working memory of one thread.
@@ -61,8 +62,9 @@ impl Evidence {
 }
 
 impl Overview {
-    /// The photo reduced by a whole factor.
-    pub(crate) fn new(photo: &Photo, factor: usize) -> Self {
+    /// The photo reduced to at most `side` pixels on its longer side and to about `colours` colours.
+    pub(crate) fn new(photo: &Photo, side: u32, colours: usize) -> Self {
+        let factor = photo.width.max(photo.height).div_ceil(side) as usize;
         let (width, height) = (photo.width as usize / factor, photo.height as usize / factor);
         let mean = |x: usize, y: usize| {
             let rows = (y * factor..(y + 1) * factor).map(|row| &photo.rgb[row * photo.width as usize..]);
@@ -75,7 +77,33 @@ impl Overview {
             [grey, HUE * (red - grey), HUE * (blue - grey)]
         };
         let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| mean(i % width, i / width)).collect();
-        Self { factor, width, height, colours: palette(&pixels, COLOURS) }
+        let colours = palette(&pixels, colours);
+        let mut palette = vec![0; colours.iter().max().map_or(0, |&most| usize::from(most) + 1)];
+        colours.iter().for_each(|&colour| palette[usize::from(colour)] += 1);
+        Self { factor, width, height, colours, palette }
+    }
+
+    /// How much better a view explains the whole picture than the same rendering in eight other places, half the model's
+    /// size away: what smooth surfaces explain of smooth backgrounds by chance, they explain there as well. `None` where
+    /// the view shows nothing of the model.
+    pub(crate) fn peak(&self, mesh: &Mesh, signal: &dyn Signal, workspace: &mut Workspace, view: &View) -> Option<f64> {
+        let evidence = self.evidence(mesh, signal, workspace, view)?;
+        let background = signal.bins() as u16;
+        let covered = workspace.bins.iter().filter(|&&bin| bin != background).count() as f64;
+        let away = (0.5 * covered.sqrt()).ceil() as i32;
+        let (width, height) = (self.width as i32, self.height as i32);
+        let mut chance = 0.0;
+        for (dx, dy) in [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)] {
+            let mut counts = vec![0u32; (usize::from(background) + 1) * self.palette.len()];
+            for (i, &colour) in self.colours.iter().enumerate() {
+                let (x, y) = (i as i32 % width + dx * away, i as i32 / width + dy * away);
+                let inside = (0..width).contains(&x) && (0..height).contains(&y);
+                let bin = if inside { workspace.bins[(y * width + x) as usize] } else { background };
+                counts[usize::from(bin) * self.palette.len() + usize::from(colour)] += 1;
+            }
+            chance += 0.125 * information(usize::from(background) + 1, &counts)?;
+        }
+        Some(evidence.whole - chance)
     }
 
     /// The evidence for a view; `None` where it shows nothing of the model.
@@ -103,22 +131,23 @@ impl Overview {
             let surfel = Surfel { mesh, corners, weights: [1.0 / 3.0; 3], viewpoint: &viewpoint };
             signal.bin(&surfel) as u16
         }));
-        let mut counts = vec![0u32; (background + 1) * COLOURS];
+        let colours = self.palette.len();
+        let mut counts = vec![0u32; (background + 1) * colours];
         for (&bin, &colour) in bins.iter().zip(&self.colours) {
-            counts[usize::from(bin) * COLOURS + usize::from(colour)] += 1;
+            counts[usize::from(bin) * colours + usize::from(colour)] += 1;
         }
         let whole = information(background + 1, &counts)?;
-        let covered: u32 = counts[..background * COLOURS].iter().sum();
+        let covered: u32 = counts[..background * colours].iter().sum();
         if covered == 0 {
             return None;
         }
         let halo = outline(picture, BAND);
         let share = SHARE * covered as f32 / halo.len() as f32;
-        counts[background * COLOURS..].fill(0);
+        counts[background * colours..].fill(0);
         for pixel in halo {
             let i = pixel.pixel as usize;
             if dither(i % self.width, i / self.width) < share {
-                counts[background * COLOURS + usize::from(self.colours[i])] += 1;
+                counts[background * colours + usize::from(self.colours[i])] += 1;
             }
         }
         Some(Evidence { whole, near: information(background + 1, &counts)? })

@@ -7,6 +7,13 @@
 //!
 //! To climb is to render, to take samples, and to maximize the metric over them, until a new rendering changes nothing. Views are
 //! compared by the metric over the model and a band of background in a fixed proportion to it.
+//!
+//! Where the end is in doubt, or far from the start, a wider search follows, and the better end counts. With no start at all, a
+//! survey of the model from everywhere takes the place of the search.
+
+mod anywhere;
+
+pub use anywhere::search;
 
 use crate::climb::Batches;
 use crate::model::Model;
@@ -18,13 +25,14 @@ use crate::pyramid::{Level, pyramid, spread};
 use crate::samples::{Sampler, Sampling, SurfaceSamples};
 use crate::search::{Region, Search};
 use crate::verdict::{Findings, verdict};
-use crate::{Error, Options, Photo, Refine, SolverName};
+use crate::{Error, Options, Photo, Refine, SolverName, Status};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::View;
 use texreg_mi::Parzen;
 use texreg_optim::{Objective, Report};
+use texreg_surface::{Mesh, Signal};
 
 /// Registers one photo, starting from a rough view of the world.
 ///
@@ -43,6 +51,7 @@ pub fn register(
 /// A photo made ready for a model: for registrations from several starts.
 pub struct Registration<'a> {
     model: &'a Model<'a>,
+    photo: &'a Photo,
     options: &'a Options,
     density: Parzen,
     /// The photo, full size first.
@@ -61,6 +70,9 @@ const COARSEST: usize = 150;
 
 /// The longer side of the picture that is searched is at most this many pixels.
 const OVERVIEW: u32 = 100;
+
+/// The number of colours it is reduced to.
+const COLOURS: usize = 24;
 
 /// Views that climb on the coarsest level, and of these on the second.
 const HYPOTHESES: usize = 10;
@@ -92,6 +104,56 @@ const EFFORTS: [Effort; 3] = [
     Effort { samples: 30_000, renderings: 4, iterations: 15, gain: 1e-5 },
 ];
 
+/// The search that follows where the first one's end is in doubt or farther from the start than this many of its standard
+/// deviations.
+const WIDER: Search = Search { rounds: 6, views: 200, elite: 25, deviation: 0.25, seed: 0 };
+const FAR: f64 = 1.5;
+
+/// The worth of a view of a mesh with a signal, by a small picture.
+type Score<'a> = dyn Fn(&Overview, &Mesh, &dyn Signal, &mut Workspace, &View) -> Option<f64> + Sync + 'a;
+
+/// Tells of each stage and keeps it.
+struct Course<'a, 'b> {
+    registration: &'a Registration<'a>,
+    stages: Vec<Stage>,
+    of: usize,
+    observer: &'b mut dyn FnMut(&Event) -> ControlFlow<()>,
+}
+
+impl Course<'_, '_> {
+    fn tell(&mut self, stage: Stage, view: &View) -> Result<(), Error> {
+        let view = self.registration.model.outward(view);
+        let event = Event { done: self.stages.len() + 1, of: self.of, stage: stage.clone(), view };
+        self.stages.push(stage);
+        if (self.observer)(&event).is_break() { Err(Error::Stopped) } else { Ok(()) }
+    }
+}
+
+/// What a race sets out with.
+struct Field {
+    views: Vec<View>,
+    /// Brings the expected camera.
+    start: View,
+    refine: Refine,
+    /// How many go on from the coarsest level to the second.
+    finalists: usize,
+    /// What ranks climbs, with the metric: the evidence for a view in the small picture.
+    evidence: fn(&Registration, &View) -> f64,
+}
+
+/// Where a race ended.
+struct Finish {
+    view: View,
+    /// The metric at full size.
+    similarity: f64,
+    /// The metric of the best climb on the coarsest level.
+    coarse: f64,
+    /// The metric of the best view elsewhere as a share of the best's, on the second level.
+    rival: f64,
+    /// Pixels of the photo that show the model.
+    covered: f64,
+}
+
 /// A view that climbed, and how.
 struct Climb {
     view: View,
@@ -102,13 +164,13 @@ struct Climb {
 
 impl<'a> Registration<'a> {
     /// Makes a photo ready.
-    pub fn new(model: &'a Model, photo: &Photo, options: &'a Options) -> Self {
+    pub fn new(model: &'a Model, photo: &'a Photo, options: &'a Options) -> Self {
         let mut values = photo.luma.clone();
         spread(&mut values, TAIL);
         let levels = pyramid(photo.width as usize, photo.height as usize, &values, COARSEST);
-        let overview = Overview::new(photo, photo.width.max(photo.height).div_ceil(OVERVIEW) as usize);
+        let overview = Overview::new(photo, OVERVIEW, COLOURS);
         let density = Parzen { model_bins: model.signal.bins() + 1, photo_bins: PHOTO_BINS };
-        Self { model, options, density, levels, overview }
+        Self { model, photo, options, density, levels, overview }
     }
 
     /// Registers the photo from a rough view of the world, telling `observer` of each stage.
@@ -127,36 +189,93 @@ impl<'a> Registration<'a> {
         observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
     ) -> Result<(Outcome, Findings), Error> {
         let start = self.model.inward(start);
-        let coarsest = self.levels.len() - 1;
-        let second = coarsest.saturating_sub(1);
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
-        let (start_similarity, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
-        let mut stages = Vec::new();
-        let mut tell = |stage: Stage, view: &View| {
-            let view = self.model.outward(view);
-            let event = Event { done: stages.len() + 1, of: 3 + second, stage: stage.clone(), view };
-            stages.push(stage);
-            if observer(&event).is_break() { Err(Error::Stopped) } else { Ok(()) }
-        };
+        let (at_start, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
+        let of = 1 + self.levels.len().max(2);
+        let mut course = Course { registration: self, stages: Vec::new(), of, observer };
 
         let began = Instant::now();
-        let (mut views, renderings, evidence) = self.hypotheses(&start).ok_or(Error::NothingVisible)?;
-        let name = format!("search 1/{}", self.overview.factor);
-        tell(stage(name, began, 0, renderings, evidence), &start)?;
+        let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
+        let narrow = Search { seed: self.options.seed, ..Search::default() };
+        let found = criteria.map(|criterion| {
+            self.around(&start, &narrow, &|overview, mesh, signal, workspace, view| {
+                overview.evidence(mesh, signal, workspace, view).map(criterion)
+            })
+        });
+        let found: Vec<_> = found.into_iter().collect::<Option<_>>().ok_or(Error::NothingVisible)?;
+        let renderings = found.iter().map(Vec::len).sum();
+        let best = found.last().and_then(|found| found.first()).map_or(0.0, |(score, _)| *score);
+        let before = self.evidence(&start).map_or(0.0, Evidence::total);
+        course.tell(stage(self.search_name(), began, 0, renderings, (before, best)), &start)?;
+        let mut field = Field {
+            views: self.distinct(&start, found),
+            start,
+            refine,
+            finalists: FINALISTS,
+            evidence: |registration, view| registration.evidence(view).map_or(0.0, Evidence::total),
+        };
+        let mut finish = self.race(&mut sampler, &field, &mut course)?;
+        let mut findings = self.findings(&finish, &start, at_start);
 
-        let independent = self.options.metric.independent();
-        let mut rival = 0.0;
-        let mut across_levels = (0.0, 0.0);
-        for (index, keep) in [(coarsest, FINALISTS), (second, 1)] {
+        let step = self.region(&start).map_or(0.0, |region| region.step(&start, &finish.view));
+        let far = step > FAR * narrow.deviation;
+        if far || verdict(&findings).0 != Status::Registered {
+            course.of += self.levels.len() + 1;
             let began = Instant::now();
+            let wider = Search { seed: self.options.seed, ..WIDER };
+            let found = self.around(&start, &wider, &Self::in_frame(self.model));
+            let found = found.ok_or(Error::NothingVisible)?;
+            let best = found.first().map_or(0.0, |(score, _)| *score);
+            course.tell(stage(self.search_name(), began, 0, found.len(), (0.0, best)), &finish.view)?;
+            field.views = self.distinct(&finish.view, vec![found]);
+            field.evidence = |registration, view| registration.peak(view);
+            let wide = self.race(&mut sampler, &field, &mut course)?;
+            let worth = |finish: &Finish| finish.similarity + self.peak(&finish.view);
+            if worth(&wide) > worth(&finish) {
+                finish = wide;
+                findings = self.findings(&finish, &start, at_start);
+            }
+        }
+        Ok((self.outcome(&finish, &start, &findings, course.stages), findings))
+    }
+
+    fn findings(&self, finish: &Finish, start: &View, at_start: f64) -> Findings {
+        let independent = self.options.metric.independent();
+        Findings {
+            similarity: (at_start, finish.similarity),
+            moved: self.model.distance(start, &finish.view),
+            across_levels: (finish.coarse - independent, finish.similarity - independent),
+            rival: finish.rival,
+            covered: finish.covered,
+        }
+    }
+
+    /// What to hand back: the finish, or the start where that is no worse.
+    fn outcome(&self, finish: &Finish, start: &View, findings: &Findings, stages: Vec<Stage>) -> Outcome {
+        let (status, reasons) = verdict(findings);
+        let at_start = findings.similarity.0;
+        let (view, end) =
+            if finish.similarity > at_start { (&finish.view, finish.similarity) } else { (start, at_start) };
+        Outcome { view: self.model.outward(view), status, reasons, similarity: (at_start, end), stages }
+    }
+
+    /// Several views climb, and the best goes on to the full photo.
+    fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Finish, Error> {
+        let coarsest = self.levels.len() - 1;
+        let second = coarsest.saturating_sub(1);
+        let independent = self.options.metric.independent();
+        let mut views = field.views.clone();
+        let mut finish = Finish { view: field.start, similarity: 0.0, coarse: 0.0, rival: 0.0, covered: 0.0 };
+        for (index, keep) in [(coarsest, field.finalists), (second, 1)] {
+            let began = Instant::now();
+            let mesh = if index == coarsest { &self.model.coarse } else { self.model.mesh };
             let mut climbs: Vec<(f64, Climb)> = views
                 .into_par_iter()
                 .map_init(
-                    || self.sampler(index),
+                    || Sampler::new(mesh, &*self.model.signal),
                     |sampler, view| {
-                        let climb = self.climb(sampler, index, &view, &start, refine)?;
-                        let evidence = self.evidence(&mut Workspace::default(), &climb.view);
-                        Some((climb.similarity.1 + evidence.map_or(0.0, Evidence::total), climb))
+                        let climb = self.climb(sampler, index, &view, &field.start, field.refine)?;
+                        Some((climb.similarity.1 + (field.evidence)(self, &climb.view), climb))
                     },
                 )
                 .flatten()
@@ -166,70 +285,89 @@ impl<'a> Registration<'a> {
             let best = climbs.first().ok_or(Error::NothingVisible)?;
             let evaluations = climbs.iter().map(|climb| climb.evaluations).sum();
             let renderings = climbs.iter().map(|climb| climb.renderings).sum();
-            tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view)?;
+            course.tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view)?;
             if index == coarsest {
-                across_levels.0 = best.similarity.1 - independent;
+                finish.coarse = best.similarity.1;
             }
             let elsewhere =
                 |climb: &&Climb| self.model.distance(&climb.view, &best.view) * self.levels[index].scale > APART;
-            rival = climbs
+            finish.rival = climbs
                 .iter()
                 .find(elsewhere)
                 .map_or(0.0, |climb| (climb.similarity.1 - independent) / (best.similarity.1 - independent));
             views = climbs.into_iter().take(keep).map(|climb| climb.view).collect();
         }
-
-        let mut view = views[0];
+        finish.view = views[0];
         for index in (0..second).rev() {
             let began = Instant::now();
-            let climb = self.climb(&mut sampler, index, &view, &start, refine).ok_or(Error::NothingVisible)?;
-            view = climb.view;
-            tell(stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity), &view)?;
+            let climb = self.climb(sampler, index, &finish.view, &field.start, field.refine);
+            let climb = climb.ok_or(Error::NothingVisible)?;
+            finish.view = climb.view;
+            let stage = stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity);
+            course.tell(stage, &finish.view)?;
         }
-
-        let (similarity, covered) = self.similarity(&mut sampler, &view).unwrap_or_default();
-        across_levels.1 = similarity - independent;
-        let moved = self.model.distance(&start, &view);
-        let findings = Findings { similarity: (start_similarity, similarity), moved, across_levels, rival, covered };
-        let (status, reasons) = verdict(&findings);
-        let (view, similarity) =
-            if similarity > start_similarity { (view, similarity) } else { (start, start_similarity) };
-        let similarity = (start_similarity, similarity);
-        Ok((Outcome { view: self.model.outward(&view), status, reasons, similarity, stages }, findings))
+        (finish.similarity, finish.covered) = self.similarity(sampler, &finish.view).unwrap_or_default();
+        Ok(finish)
     }
 
-    /// The start and other views that might lie in the right basin; how many were looked at, and the evidence for the start
-    /// and for the best.
-    fn hypotheses(&self, start: &View) -> Option<(Vec<View>, usize, (f64, f64))> {
-        let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
-        let search = Search { seed: self.options.seed, ..Search::default() };
+    /// The views that a search around one of them looked at, the best first; `None` where the model is not in sight.
+    fn around(&self, start: &View, search: &Search, score: &Score) -> Option<Vec<(f64, View)>> {
+        let region = self.region(start)?;
+        Some(search.around(start, &region, |workspace, view| {
+            score(&self.overview, &self.model.coarse, &*self.model.signal, workspace, view)
+        }))
+    }
+
+    /// The part of the model that a view shows.
+    fn region(&self, view: &View) -> Option<Region> {
         let level = self.levels.last()?;
         let seen =
-            Sampler::new(&self.model.coarse, &*self.model.signal).sample(start, level, &Sampling::surface(2_000))?;
-        let region = Region::around(&seen.points)?;
-        let mut views = vec![*start];
-        let mut looked = 0;
-        let mut best = 0.0;
-        for (k, criterion) in criteria.into_iter().enumerate() {
-            let score = |workspace: &mut Workspace, view: &View| self.evidence(workspace, view).map(criterion);
-            let found = search.around(start, &region, score);
-            looked += found.len();
-            best = found.first().map_or(best, |(score, _)| *score);
-            for (_, view) in found {
-                if views.len() == HYPOTHESES * (k + 1) / criteria.len() {
-                    break;
-                }
-                if views.iter().all(|other| self.model.distance(other, &view) * level.scale > APART) {
-                    views.push(view);
-                }
-            }
-        }
-        let before = self.evidence(&mut Workspace::default(), start).map_or(0.0, Evidence::total);
-        Some((views, looked, (before, best)))
+            Sampler::new(&self.model.coarse, &*self.model.signal).sample(view, level, &Sampling::surface(2_000))?;
+        Region::around(&seen.points)
     }
 
-    fn evidence(&self, workspace: &mut Workspace, view: &View) -> Option<Evidence> {
-        self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
+    /// A view and the best found ones, the same number from each list, that might lie in different basins.
+    fn distinct(&self, first: &View, found: Vec<Vec<(f64, View)>>) -> Vec<View> {
+        let apart = APART / self.levels[self.levels.len() - 1].scale;
+        let mut views = vec![*first];
+        let lists = found.len();
+        for (k, found) in found.into_iter().enumerate() {
+            self.extend(&mut views, found, apart, HYPOTHESES * (k + 1) / lists);
+        }
+        views
+    }
+
+    /// Adds to views the best found that are each `apart` pixels of the photo from all before, up to `most`.
+    fn extend(&self, views: &mut Vec<View>, found: Vec<(f64, View)>, apart: f64, most: usize) {
+        for (_, view) in found {
+            if views.len() >= most {
+                break;
+            }
+            if views.iter().all(|other| self.model.distance(other, &view) > apart) {
+                views.push(view);
+            }
+        }
+    }
+
+    fn search_name(&self) -> String {
+        format!("search 1/{}", self.overview.factor)
+    }
+
+    fn evidence(&self, view: &View) -> Option<Evidence> {
+        self.overview.evidence(&self.model.coarse, &*self.model.signal, &mut Workspace::default(), view)
+    }
+
+    /// How far a view stands out, as far as the model lies in the photo.
+    fn peak(&self, view: &View) -> f64 {
+        let peak = Self::in_frame(self.model);
+        peak(&self.overview, &self.model.coarse, &*self.model.signal, &mut Workspace::default(), view).unwrap_or(0.0)
+    }
+
+    /// How far a view stands out from the same picture in other places, times the share of the model that lies in the photo.
+    fn in_frame(model: &Model) -> impl Fn(&Overview, &Mesh, &dyn Signal, &mut Workspace, &View) -> Option<f64> + Sync {
+        move |overview, mesh, signal, workspace, view| {
+            Some(overview.peak(mesh, signal, workspace, view)? * model.inside(view))
+        }
     }
 
     /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
@@ -289,12 +427,6 @@ impl<'a> Registration<'a> {
             }
         }
         Some(climb)
-    }
-
-    /// A sampler of the model as a level shows it: the coarse copy on the coarsest.
-    fn sampler(&self, index: usize) -> Sampler<'_> {
-        let coarsest = index + 1 == self.levels.len();
-        Sampler::new(if coarsest { &self.model.coarse } else { self.model.mesh }, &*self.model.signal)
     }
 
     fn space(&self, refine: Refine) -> ViewSpace<'_> {

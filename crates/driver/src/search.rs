@@ -100,6 +100,13 @@ impl Region {
         Some(Self { centre: nalgebra::center(&low, &high), diagonal: (high - low).norm() })
     }
 
+    /// How far a view is from another: radians, or the shift of the centre in units of the diagonal where that is more.
+    pub(crate) fn step(&self, from: &View, to: &View) -> f64 {
+        let turn = from.pose.rotation.angle_to(&to.pose.rotation);
+        let shift = to.pose.transform_point(&self.centre) - from.pose.transform_point(&self.centre);
+        turn.max(shift.norm() / self.diagonal)
+    }
+
     /// The view that a step leads to: a rotation vector about the centre, and a shift in units of the diagonal.
     fn moved(&self, start: &View, step: &Vector6<f64>) -> View {
         let turn: Vector3<f64> = step.fixed_rows::<3>(0).into_owned();

@@ -19,7 +19,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use texreg::camera::View;
 use texreg::driver::{
-    Model, Options, Photo, Refine, Registration, Status, TruePhoto, read_cameras, read_pairs, read_truth, score,
+    Model, Options, Outcome, Photo, Refine, Registration, Status, TruePhoto, read_cameras, read_pairs, read_truth,
+    score,
 };
 use texreg::lie::Pose;
 use texreg::surface::Mesh;
@@ -134,18 +135,24 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
     let mut runs = Vec::new();
     let model = Model::new(&mesh, &[])?;
     let options = Options::default();
-    let refining = Options { refine: Refine { focal: true, ..Refine::default() }, ..Options::default() };
+    let focal = Options { refine: Refine { focal: true, ..Refine::default() }, ..Options::default() };
+    let all = Options { refine: Refine { focal: true, principal: true, distortion: true }, ..Options::default() };
     for true_photo in &truth.photos {
         let photo = Photo::load(folder.join(&true_photo.file))?;
         let fixed = Registration::new(&model, &photo, &options);
-        let refining = Registration::new(&model, &photo, &refining);
+        let focal = Registration::new(&model, &photo, &focal);
+        let all = Registration::new(&model, &photo, &all);
+        let wanted = |kind: &str| arguments.only.as_ref().is_none_or(|only| kind.starts_with(only.as_str()));
         let mut record = |kind: &str, registration: &Registration, start: View| {
-            runs.push(register(kind, registration, true_photo, truth.diagonal, &start));
+            if wanted(kind) {
+                runs.push(register(kind, registration, true_photo, truth.diagonal, &start));
+            }
         };
         record("truth", &fixed, true_photo.view);
         if let Some(entry) = initial.as_ref().and_then(|file| file.entry(&true_photo.file)) {
             record("initial", &fixed, View { camera: true_photo.view.camera, pose: entry.pose });
-            record("nominal", &refining, entry.view([photo.width, photo.height]));
+            record("nominal", &all, entry.view([photo.width, photo.height]));
+            record("focal", &focal, entry.view([photo.width, photo.height]));
         }
         if let Some(entry) = pairs.iter().find(|entry| entry.file == true_photo.file) {
             let camera = true_photo.view.camera;
@@ -156,7 +163,9 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
         if starts.iter().any(|start| start.camera.file == true_photo.file) {
             let vertices = (0..mesh.positions.len()).map(|i| mesh.point(i)).collect();
             let over_vertices = TruePhoto { visible: vertices, ..true_photo.clone() };
-            let of_photo = starts.iter().filter(|start| start.camera.file == true_photo.file);
+            let of_photo = starts
+                .iter()
+                .filter(|start| start.camera.file == true_photo.file && wanted(&format!("starts {}", start.level)));
             for start in of_photo.take(if arguments.quick { 10 } else { usize::MAX }) {
                 let view = View { camera: true_photo.view.camera, pose: start.camera.pose() };
                 let kind = format!("starts {}", start.level);
@@ -164,8 +173,13 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
                 runs.push(Run { peer: Some(start.meshlab_px), ..run });
             }
         }
+        if wanted("search") {
+            runs.push(find(&fixed, true_photo, truth.diagonal));
+        }
         let mut record = |kind: &str, registration: &Registration, start: View| {
-            runs.push(register(kind, registration, true_photo, truth.diagonal, &start));
+            if wanted(kind) {
+                runs.push(register(kind, registration, true_photo, truth.diagonal, &start));
+            }
         };
         let seeds = if arguments.quick { 2 } else { 10 };
         for level in [2.0, 5.0, 10.0] {
@@ -179,10 +193,32 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
 }
 
 fn register(kind: &str, registration: &Registration, photo: &TruePhoto, diagonal: f64, start: &View) -> Run {
-    let camera = photo.view.camera;
     let started = Instant::now();
     let outcome = registration.run(start, &mut |_| ControlFlow::Continue(()));
+    judge(kind, outcome.ok(), started, photo, diagonal, start)
+}
+
+/// A search with nothing but the true camera.
+fn find(registration: &Registration, photo: &TruePhoto, diagonal: f64) -> Run {
+    let mut first = None;
+    let started = Instant::now();
+    let outcome = registration.search(&photo.view.camera, &mut |event| {
+        first.get_or_insert(event.view);
+        ControlFlow::Continue(())
+    });
+    judge("search", outcome.ok(), started, photo, diagonal, &first.unwrap_or(photo.view))
+}
+
+fn judge(
+    kind: &str,
+    outcome: Option<Outcome>,
+    started: Instant,
+    photo: &TruePhoto,
+    diagonal: f64,
+    start: &View,
+) -> Run {
     let milliseconds = started.elapsed().as_secs_f64() * 1e3;
+    let camera = photo.view.camera;
     let distance = |view: &View| score(photo, diagonal, view).mean_px;
     Run {
         kind: kind.to_string(),
@@ -191,7 +227,7 @@ fn register(kind: &str, registration: &Registration, photo: &TruePhoto, diagonal
         tolerance: 0.002 * f64::from(camera.width).hypot(f64::from(camera.height)),
         evaluations: outcome.as_ref().map_or(0, |outcome| outcome.evaluations()),
         milliseconds,
-        believed: outcome.as_ref().is_ok_and(|outcome| outcome.status == Status::Registered),
+        believed: outcome.as_ref().is_some_and(|outcome| outcome.status == Status::Registered),
         peer: None,
     }
 }

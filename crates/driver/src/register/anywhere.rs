@@ -1,0 +1,108 @@
+//! Registration with nothing to start from: a survey from everywhere, and a closer look around the best it finds.
+
+use super::{Course, FINALISTS, Field, Registration, stage};
+use crate::model::Model;
+use crate::outcome::{Event, Outcome};
+use crate::overview::{Overview, Workspace};
+use crate::samples::Sampler;
+use crate::search::{Region, Search};
+use crate::survey::survey;
+use crate::{Error, Options, Photo};
+use nalgebra::Point3;
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::time::Instant;
+use texreg_camera::{Camera, View};
+use texreg_surface::{Mesh, Signal};
+
+/// Triangles of the copy that is looked at from everywhere, the longer side of the picture it is
+/// compared with, and the number of the picture's colours.
+const ROUGH: usize = 3_000;
+const TINY: u32 = 64;
+const FEW_COLOURS: usize = 12;
+
+/// Views from everywhere that are looked around in the tiny picture, and of these in the one that is searched; how.
+const SHORTLIST: usize = 150;
+const CLOSER: usize = 40;
+const AROUND: Search = Search { rounds: 4, views: 40, elite: 10, deviation: 0.1, seed: 0 };
+
+/// Registers one photo with nothing to start from but its camera.
+///
+/// # Errors
+/// If no view shows the model, or the observer says stop.
+pub fn search(
+    model: &Model,
+    photo: &Photo,
+    camera: &Camera,
+    options: &Options,
+    observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
+) -> Result<Outcome, Error> {
+    Registration::new(model, photo, options).search(camera, observer)
+}
+
+impl Registration<'_> {
+    /// Registers the photo with nothing to start from but its camera, telling `observer` of each stage.
+    ///
+    /// # Errors
+    /// If no view shows the model, or the observer says stop.
+    pub fn search(
+        &self,
+        camera: &Camera,
+        observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
+    ) -> Result<Outcome, Error> {
+        let of = 1 + self.levels.len().max(2);
+        let mut course = Course { registration: self, stages: Vec::new(), of, observer };
+        let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
+        let began = Instant::now();
+        let (views, renderings, evidence) = self.anywhere(camera);
+        let start = *views.first().ok_or(Error::NothingVisible)?;
+        course.tell(stage(self.search_name(), began, 0, renderings, evidence), &start)?;
+        let (at_start, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
+        let field = Field {
+            views,
+            start,
+            refine: self.options.refine,
+            finalists: 2 * FINALISTS,
+            evidence: |registration, view| registration.peak(view),
+        };
+        let finish = self.race(&mut sampler, &field, &mut course)?;
+        let findings = self.findings(&finish, &start, at_start);
+        Ok(self.outcome(&finish, &start, &findings, course.stages))
+    }
+
+    /// The best views of a camera that might lie in the right basin, with nothing to start from; how many were looked at, and
+    /// how far the best stands out before and after a closer look.
+    fn anywhere(&self, camera: &Camera) -> (Vec<View>, usize, (f64, f64)) {
+        let rough = self.model.coarse.simplified(ROUGH);
+        let signal = self.model.rough_signal();
+        let tiny = Overview::new(self.photo, TINY, FEW_COLOURS);
+        let mut found = survey(&rough, &*signal, &tiny, camera);
+        let mut looked = found.len();
+        let before = found.first().map_or(0.0, |(score, _)| *score);
+        let search = Search { seed: self.options.seed, ..AROUND };
+        let score = Self::in_frame(self.model);
+        let pixel = f64::from(self.photo.width.max(self.photo.height)) / f64::from(TINY);
+        let rounds: [(f64, usize, &Overview, &Mesh, &dyn Signal); 2] = [
+            (3.0, SHORTLIST, &tiny, &rough, &*signal),
+            (2.0, CLOSER, &self.overview, &self.model.coarse, &*self.model.signal),
+        ];
+        for (apart, most, overview, mesh, signal) in rounds {
+            let mut views = Vec::new();
+            self.extend(&mut views, found, apart * pixel, most);
+            let nearest = |view: &View| {
+                let seen = mesh.positions.iter().map(|p| Point3::from(p.map(f64::from)));
+                let seen: Vec<Point3<f64>> = seen.filter(|p| self.model.shows(view, p)).collect();
+                let region = Region::around(&seen)?;
+                let score = |workspace: &mut Workspace, view: &View| score(overview, mesh, signal, workspace, view);
+                search.around(view, &region, score).into_iter().next()
+            };
+            looked += views.len() * search.rounds * search.views;
+            found = views.par_iter().filter_map(nearest).collect();
+            found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        }
+        let best = found.first().map_or(before, |(score, _)| *score);
+        let mut views = Vec::new();
+        self.extend(&mut views, found, pixel, CLOSER);
+        (views, looked, (before, best))
+    }
+}
