@@ -6,6 +6,7 @@ mod load;
 mod pnp;
 mod raster;
 mod register;
+mod texture;
 
 use serde::Serialize;
 use std::path::PathBuf;
@@ -42,6 +43,7 @@ enum Name {
     Pnp,
     Raster,
     Register,
+    Texture,
 }
 
 /// Runs a benchmark and prints its report.
@@ -53,6 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,
         Name::Register => register::run(arguments)?,
+        Name::Texture => texture::run(arguments)?,
     };
     report.print(arguments.json)
 }

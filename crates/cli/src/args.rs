@@ -1,8 +1,8 @@
 //! What can be typed after `texreg`.
 
 use std::fmt::Display;
-use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -11,6 +11,7 @@ use texreg::calib::Model;
 use texreg::driver::{MetricName, RotationName, SolverName};
 use texreg::formats::Format;
 use texreg::surface::SignalName;
+use texreg::texture;
 
 /// Lays photographs onto scanned 3D models.
 #[derive(Debug, Parser)]
@@ -38,6 +39,8 @@ pub(crate) enum Command {
     Calibrate(Calibrate),
     /// Draw what the metric sees of the model, as PNG
     Render(Render),
+    /// Lay the photos onto the model: a textured GLB or OBJ, or a PLY with coloured vertices
+    Texture(Texture),
     /// Score cameras against the true ones
     Evaluate(Evaluate),
     /// Take cameras to and from other programs
@@ -228,6 +231,120 @@ pub(crate) struct Convert {
     /// The model that the output shall name [default: the one the input names]
     #[arg(long, value_name = "MODEL")]
     pub(crate) model: Option<PathBuf>,
+}
+
+/// `texreg texture`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Texture {
+    /// The model: a triangle mesh in a PLY or OBJ file
+    pub(crate) model: PathBuf,
+    /// The photos' cameras: a cameras.json; photos whose registration failed are left out
+    #[arg(long, display_order = 0, value_name = "FILE")]
+    pub(crate) cameras: PathBuf,
+    /// The folder of the photos [default: beside the cameras, beside the model, or this one]
+    #[arg(long, display_order = 0, value_name = "DIR")]
+    pub(crate) photos: Option<PathBuf>,
+    /// The texture's width and height in texels [default: the photos' own resolution, up to 8192]
+    #[arg(long, value_name = "N", value_parser = texels)]
+    pub(crate) size: Option<NonZeroU32>,
+    /// How the photos that see a place are blended
+    #[arg(long, value_name = "NAME", value_enum, default_value_t)]
+    pub(crate) blend: Blend,
+    /// What becomes of places that no photo sees
+    #[arg(long, value_name = "NAME", value_enum, default_value_t)]
+    pub(crate) unseen: Unseen,
+    /// Leave exposure and white balance as they are
+    #[arg(long)]
+    pub(crate) no_balance: bool,
+    /// Colour the vertices instead of making a texture; the file is a PLY
+    #[arg(long)]
+    pub(crate) vertex_colours: bool,
+    /// The file to write: .glb, .obj (with .mtl and .png beside it) or .ply (coloured vertices)
+    #[arg(short, long, value_name = "FILE", default_value = "textured.glb", default_value_if("vertex_colours", "true", "textured.ply"), value_parser = textured)]
+    pub(crate) output: PathBuf,
+}
+
+impl Texture {
+    /// The format of the file to write.
+    pub(crate) fn format(&self) -> ModelFormat {
+        if self.vertex_colours { ModelFormat::Ply } else { ModelFormat::of(&self.output).unwrap_or(ModelFormat::Glb) }
+    }
+}
+
+/// A format of textured models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ModelFormat {
+    Glb,
+    Obj,
+    Ply,
+}
+
+impl ModelFormat {
+    fn of(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "glb" => Some(Self::Glb),
+            "obj" => Some(Self::Obj),
+            "ply" => Some(Self::Ply),
+            _ => None,
+        }
+    }
+}
+
+/// Reads the name of a file whose format is known.
+fn textured(name: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(name);
+    match ModelFormat::of(&path) {
+        Some(_) => Ok(path),
+        None => Err("its name must end in .glb, .obj or .ply".into()),
+    }
+}
+
+/// Reads the side of a texture.
+fn texels(text: &str) -> Result<NonZeroU32, String> {
+    let side = text.parse().ok().filter(|side: &NonZeroU32| (64..=32768).contains(&side.get()));
+    side.ok_or_else(|| "must be a whole number from 64 to 32768".into())
+}
+
+/// How the photos that see a place are blended.
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+pub(crate) enum Blend {
+    /// Low frequencies from all, high ones from the best photo
+    #[default]
+    #[value(name = "multiband")]
+    MultiBand,
+    /// The best photo alone
+    Best,
+    /// The mean of all
+    Mean,
+}
+
+impl From<Blend> for texture::Blend {
+    fn from(blend: Blend) -> Self {
+        match blend {
+            Blend::MultiBand => Self::MultiBand,
+            Blend::Best => Self::Best,
+            Blend::Mean => Self::Mean,
+        }
+    }
+}
+
+/// What becomes of places that no photo sees.
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+pub(crate) enum Unseen {
+    /// Colours spread into them over the surface
+    #[default]
+    Inpaint,
+    /// They are magenta
+    Mark,
+}
+
+impl From<Unseen> for texture::Unseen {
+    fn from(unseen: Unseen) -> Self {
+        match unseen {
+            Unseen::Inpaint => Self::Inpaint,
+            Unseen::Mark => Self::Mark,
+        }
+    }
 }
 
 /// `texreg evaluate`

@@ -143,7 +143,7 @@ impl Inputs {
 }
 
 /// The camera of a lens, which must be meant for photos of this size.
-fn fitted(lens: &Lens, path: &Path, photo: &Photo) -> anyhow::Result<Camera> {
+pub(crate) fn fitted(lens: &Lens, path: &Path, photo: &Photo) -> anyhow::Result<Camera> {
     match lens.size {
         Some([width, height]) if [width, height] != [photo.width, photo.height] => bail!(
             "{}: its camera is for {width} × {height} pixels, but {} has {} × {}; scale K to the photo, or take the photo \

@@ -145,10 +145,10 @@ fn colour(status: Status) -> [u8; 3] {
 }
 
 /// Steps of the progress bar a photo.
-const PARTS: u64 = 100;
+pub(crate) const PARTS: u64 = 100;
 
 /// A bar on standard error; where that is no terminal, nothing is drawn.
-fn progress(photos: usize) -> ProgressBar {
+pub(crate) fn progress(photos: usize) -> ProgressBar {
     let bar = ProgressBar::new(PARTS * photos as u64);
     match ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}") {
         Ok(style) => bar.with_style(style),

@@ -116,4 +116,12 @@ pub enum Defect {
         /// The number of vertices.
         vertices: usize,
     },
+    /// There are not three texture coordinates a triangle.
+    #[error("there are texture coordinates of {values} triangles for {triangles}")]
+    UvLength {
+        /// The number of triangles that have texture coordinates.
+        values: usize,
+        /// The number of triangles.
+        triangles: usize,
+    },
 }

@@ -30,6 +30,9 @@ pub struct Mesh {
     pub reflectance: Option<Vec<f32>>,
     /// Red, green and blue, one triple a vertex.
     pub colours: Option<Vec<[u8; 3]>>,
+    /// Finite texture coordinates (u, v) of the three corners of each triangle: (0, 0) is the texture's top left corner,
+    /// (1, 1) its bottom right one.
+    pub uvs: Option<Vec<[[f32; 2]; 3]>>,
     /// See [`ambient_occlusion`](Self::ambient_occlusion), once that was asked for or a file brought it.
     pub(crate) ambient_occlusion: OnceLock<Vec<f32>>,
     /// See [`mean_curvature`](Self::mean_curvature), likewise.
@@ -45,6 +48,8 @@ pub struct Attributes {
     pub reflectance: Option<Vec<f32>>,
     /// Colours.
     pub colours: Option<Vec<[u8; 3]>>,
+    /// Texture coordinates, three pairs a triangle; all are dropped if one is not finite.
+    pub uvs: Option<Vec<[[f32; 2]; 3]>>,
     /// [`Mesh::ambient_occlusion`], if it is known already; values that are not finite are replaced by the mean of the others.
     pub ambient_occlusion: Option<Vec<f32>>,
     /// [`Mesh::mean_curvature`], likewise.
@@ -73,6 +78,9 @@ impl Mesh {
             Some(values) if values != vertices => Err(Defect::AttributeLength { attribute, values, vertices }),
             _ => Ok(()),
         };
+        if let Some(values) = attributes.uvs.as_ref().map(Vec::len).filter(|values| *values != triangles.len()) {
+            return Err(Defect::UvLength { values, triangles: triangles.len() });
+        }
         expect("normals", attributes.normals.as_ref().map(Vec::len))?;
         expect("reflectances", attributes.reflectance.as_ref().map(Vec::len))?;
         expect("ambient occlusions", attributes.ambient_occlusion.as_ref().map(Vec::len))?;
@@ -90,7 +98,7 @@ impl Mesh {
         triangles: Vec<[u32; 3]>,
         attributes: Attributes,
     ) -> Mesh {
-        let Attributes { normals, colours, .. } = attributes;
+        let Attributes { normals, colours, uvs, .. } = attributes;
         let normals = complete_normals(normals, &positions, &triangles);
         let scalars = [attributes.reflectance, attributes.ambient_occlusion, attributes.mean_curvature];
         let [reflectance, ambient_occlusion, mean_curvature] = scalars.map(|scalars| scalars.map(without_gaps));
@@ -102,6 +110,7 @@ impl Mesh {
             normals,
             reflectance,
             colours,
+            uvs: uvs.filter(|uvs| uvs.as_flattened().as_flattened().iter().all(|x| x.is_finite())),
             ambient_occlusion: known(ambient_occlusion),
             mean_curvature: known(mean_curvature),
         }

@@ -79,7 +79,7 @@ fn attributes(
     [reflectance, ambient_occlusion, mean_curvature]: [Option<Vec<f32>>; 3],
     colours: Option<Vec<[u8; 3]>>,
 ) -> Attributes {
-    Attributes { normals, reflectance, colours, ambient_occlusion, mean_curvature }
+    Attributes { normals, reflectance, colours, uvs: None, ambient_occlusion, mean_curvature }
 }
 
 /// What brings a colour of a type to 0…255: integers of 8 bits are it already, wider ones lose their low bits, and

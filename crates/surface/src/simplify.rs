@@ -110,6 +110,7 @@ impl Mesh {
             colours: self.colours.as_ref().map(|_| clusters.iter().map(Cluster::colour).collect()),
             ambient_occlusion: self.ambient_occlusion.get().map(average),
             mean_curvature: self.mean_curvature.get().map(average),
+            uvs: None,
         };
         let positions = clusters.iter().map(|c| c.position(side)).collect();
         Some(Mesh::assemble(self.origin.into(), positions, triangles, attributes))

@@ -9,3 +9,4 @@ pub use texreg_optim as optim;
 pub use texreg_posit as posit;
 pub use texreg_raster as raster;
 pub use texreg_surface as surface;
+pub use texreg_texture as texture;
