@@ -163,12 +163,9 @@ fn edge_distances(picture: &mut GBuffer, camera: &Camera) -> Vec<u8> {
     let depth = &picture.depth;
     let is_edge = |at: usize| {
         let (x, here) = (at % width, depth[at]);
-        let jump = |there: f32| {
-            if here.is_infinite() {
-                there.is_finite()
-            } else {
-                !((here - there).abs() * focal <= JUMP * here.min(there))
-            }
+        let jump = |there: f32| match (here.is_finite(), there.is_finite()) {
+            (true, true) => (here - there).abs() * focal > JUMP * here.min(there),
+            (here, there) => here || there,
         };
         (x > 0 && jump(depth[at - 1]))
             || (x + 1 < width && jump(depth[at + 1]))
