@@ -1,7 +1,9 @@
 //! What the benchmarks share: their arguments, and a report as a table or as JSON.
 
 mod accuracy;
+mod ba;
 mod calibrate;
+mod charts;
 mod load;
 mod pnp;
 mod raster;
@@ -38,7 +40,9 @@ pub(crate) struct Arguments {
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Name {
     Accuracy,
+    Ba,
     Calibrate,
+    Charts,
     Load,
     Pnp,
     Raster,
@@ -50,7 +54,9 @@ enum Name {
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report: Report = match arguments.name {
         Name::Accuracy => accuracy::run(arguments)?,
+        Name::Ba => ba::run(arguments)?,
         Name::Calibrate => calibrate::run(arguments)?,
+        Name::Charts => charts::run(arguments)?,
         Name::Load => load::run(arguments)?,
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,

@@ -370,6 +370,20 @@ impl<'a> Registration<'a> {
         }
     }
 
+    /// Climbs through the levels from a view that is near already, without looking around: for comparisons of solvers and
+    /// charts. The view, and how often the metric was evaluated; `None` where the view shows nothing of the model.
+    pub fn climb_from(&self, start: &View) -> Option<(View, usize)> {
+        let start = self.model.inward(start);
+        let mut view = start;
+        let mut evaluations = 0;
+        for index in (0..self.levels.len()).rev() {
+            let climb = self.climb(&mut self.sampler(index), index, &view, &start, self.options.refine)?;
+            view = climb.view;
+            evaluations += climb.evaluations;
+        }
+        Some((self.model.outward(&view), evaluations))
+    }
+
     /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
     /// does.
     fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<(f64, f64)> {

@@ -24,6 +24,10 @@
 //! assert!((report.point - DVector::from_vec(vec![1.0, 2.0])).norm() < 1e-6);
 //! ```
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod arrow;
 mod ascent;
 mod block_cholesky;

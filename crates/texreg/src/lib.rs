@@ -1,4 +1,5 @@
 //! texreg lays photographs onto scanned 3D models: this crate re-exports the workspace's parts under one name.
+pub use texreg_bundle as bundle;
 pub use texreg_calib as calib;
 pub use texreg_camera as camera;
 pub use texreg_driver as driver;

@@ -263,7 +263,7 @@ impl StartCamera {
 
 /// The model turned by `level` degrees about its centre and the camera moved by `level` percent of the bounding box's
 /// diagonal, both in a random direction.
-fn perturbed(mesh: &Mesh, view: &View, level: f64, seed: u64) -> View {
+pub(crate) fn perturbed(mesh: &Mesh, view: &View, level: f64, seed: u64) -> View {
     let mut random = StdRng::seed_from_u64(seed);
     let mut direction = || -> UnitVector3<f64> {
         let place = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0f64));
