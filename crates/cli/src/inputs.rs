@@ -174,6 +174,7 @@ pub(crate) fn model(path: &Path) -> anyhow::Result<Mesh> {
         match error {
             Error::Io { source, .. } => anyhow!("{path}: {}; check the path of the model", cause(&source)),
             Error::Syntax { .. }
+            | Error::Damaged { .. }
             | Error::Defect { defect: Defect::IndexOutOfRange { .. } | Defect::AttributeLength { .. }, .. } => {
                 anyhow!("{error}; the file is damaged: export the model again")
             }

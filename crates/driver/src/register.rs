@@ -376,8 +376,9 @@ impl<'a> Registration<'a> {
         let start = self.model.inward(start);
         let mut view = start;
         let mut evaluations = 0;
+        let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         for index in (0..self.levels.len()).rev() {
-            let climb = self.climb(&mut self.sampler(index), index, &view, &start, self.options.refine)?;
+            let climb = self.climb(&mut sampler, index, &view, &start, self.options.refine)?;
             view = climb.view;
             evaluations += climb.evaluations;
         }

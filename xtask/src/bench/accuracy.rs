@@ -195,7 +195,7 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
 fn register(kind: &str, registration: &Registration, photo: &TruePhoto, diagonal: f64, start: &View) -> Run {
     let started = Instant::now();
     let outcome = registration.run(start, &mut |_| ControlFlow::Continue(()));
-    judge(kind, outcome.ok(), started, photo, diagonal, start)
+    judge(kind, outcome.as_ref().ok(), started, photo, diagonal, start)
 }
 
 /// A search with nothing but the true camera.
@@ -206,12 +206,12 @@ fn find(registration: &Registration, photo: &TruePhoto, diagonal: f64) -> Run {
         first.get_or_insert(event.view);
         ControlFlow::Continue(())
     });
-    judge("search", outcome.ok(), started, photo, diagonal, &first.unwrap_or(photo.view))
+    judge("search", outcome.as_ref().ok(), started, photo, diagonal, &first.unwrap_or(photo.view))
 }
 
 fn judge(
     kind: &str,
-    outcome: Option<Outcome>,
+    outcome: Option<&Outcome>,
     started: Instant,
     photo: &TruePhoto,
     diagonal: f64,
@@ -223,11 +223,11 @@ fn judge(
     Run {
         kind: kind.to_string(),
         start: distance(start),
-        end: distance(outcome.as_ref().map_or(start, |outcome| &outcome.view)),
+        end: distance(outcome.map_or(start, |outcome| &outcome.view)),
         tolerance: 0.002 * f64::from(camera.width).hypot(f64::from(camera.height)),
-        evaluations: outcome.as_ref().map_or(0, |outcome| outcome.evaluations()),
+        evaluations: outcome.map_or(0, Outcome::evaluations),
         milliseconds,
-        believed: outcome.as_ref().is_some_and(|outcome| outcome.status == Status::Registered),
+        believed: outcome.is_some_and(|outcome| outcome.status == Status::Registered),
         peer: None,
     }
 }
