@@ -25,11 +25,13 @@
 mod density;
 mod joint;
 mod metric;
+mod mutual;
 mod parzen;
 mod samples;
 
 pub use density::Density;
 pub use joint::Joint;
 pub use metric::{ConditionalEntropy, EntropyCorrelation, Metric, MutualInformation, NormalizedMutualInformation};
+pub use mutual::{Mutual, PhotoPair};
 pub use parzen::Parzen;
 pub use samples::Samples;

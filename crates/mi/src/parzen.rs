@@ -93,14 +93,14 @@ impl Density for Parzen {
 
 /// The cubic B-spline at the four bins around a value that lies `t` (0..=1) after the second.
 #[inline]
-fn window(t: f64) -> [f64; 4] {
+pub(crate) fn window(t: f64) -> [f64; 4] {
     let s = 1.0 - t;
     [s * s * s / 6.0, 2.0 / 3.0 - t * t * (1.0 - 0.5 * t), 2.0 / 3.0 - s * s * (1.0 - 0.5 * s), t * t * t / 6.0]
 }
 
 /// The derivative of [`window`] by `t`.
 #[inline]
-fn window_derivative(t: f64) -> [f64; 4] {
+pub(crate) fn window_derivative(t: f64) -> [f64; 4] {
     let s = 1.0 - t;
     [-0.5 * s * s, t * (1.5 * t - 2.0), -s * (1.5 * s - 2.0), 0.5 * t * t]
 }
