@@ -103,6 +103,25 @@ fn too_few_pairs() {
 }
 
 #[test]
+fn a_lens_is_shared_by_photos_of_one_size_and_only_if_it_is_refined() {
+    let bench = Bench::new();
+    image::RgbImage::from_pixel(80, 60, image::Rgb([90, 90, 90])).save(bench.path("small.png")).unwrap();
+    let mut both = cameras([0.0, 0.0, 5.0]);
+    let small = json!({"file": "small.png", "K": {"fx": 75}, "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [0, 0, 5]});
+    both["photos"].as_array_mut().unwrap().push(small);
+    bench.put_json("both.json", &both);
+    let command = "register model.ply photo.png small.png --init both.json --share-intrinsics";
+    bench.run(&format!("{command} --refine focal -o out")).fails_with(&[
+        "small.png",
+        "80 × 60",
+        "160 × 120",
+        "one size",
+    ]);
+    let run = bench.run(command);
+    assert!(run.status == 2 && run.stderr.contains("--refine"), "{run:?}");
+}
+
+#[test]
 fn pairs_that_fit_no_pose() {
     let bench = Bench::new();
     let mut same = pairs("photo.png", 6);

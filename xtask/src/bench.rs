@@ -4,6 +4,7 @@ mod accuracy;
 mod ba;
 mod calibrate;
 mod charts;
+mod joint;
 mod load;
 mod pnp;
 mod raster;
@@ -43,6 +44,7 @@ enum Name {
     Ba,
     Calibrate,
     Charts,
+    Joint,
     Load,
     Pnp,
     Raster,
@@ -57,6 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Ba => ba::run(arguments)?,
         Name::Calibrate => calibrate::run(arguments)?,
         Name::Charts => charts::run(arguments)?,
+        Name::Joint => joint::run(arguments)?,
         Name::Load => load::run(arguments)?,
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,

@@ -94,6 +94,12 @@ pub(crate) struct Register {
     /// Parts of the camera to refine with the pose
     #[arg(long, value_name = "PART", value_delimiter = ',')]
     pub(crate) refine: Vec<Part>,
+    /// Register all photos jointly: each is compared with the model and with the photos that see the same surface
+    #[arg(long)]
+    pub(crate) joint: bool,
+    /// One camera took all photos: what --refine names is the same for all of them; implies --joint
+    #[arg(long, requires = "refine")]
+    pub(crate) share_intrinsics: bool,
     /// The seed of everything random
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
@@ -101,8 +107,13 @@ pub(crate) struct Register {
 
 impl Register {
     /// Every option that shapes the result, and its value.
-    pub(crate) fn options(&self) -> [(&'static str, String); 6] {
+    pub(crate) fn options(&self) -> [(&'static str, String); 7] {
         let list = |names: Vec<String>, none: &str| if names.is_empty() { none.to_owned() } else { names.join(",") };
+        let photos = match (self.share_intrinsics, self.joint) {
+            (true, _) => "joint, one camera",
+            (false, true) => "joint",
+            (false, false) => "independent",
+        };
         let parts = self.refine.iter().filter_map(|part| Some(part.to_possible_value()?.get_name().to_owned()));
         [
             ("metric", self.metric.to_string()),
@@ -110,6 +121,7 @@ impl Register {
             ("solver", self.solver.to_string()),
             ("rotation", self.rotation.to_string()),
             ("refine", list(parts.collect(), "pose")),
+            ("photos", photos.to_owned()),
             ("seed", self.seed.to_string()),
         ]
     }

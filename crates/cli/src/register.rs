@@ -3,13 +3,13 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    CameraEntry, CameraFile, Event, Model, Motion, Options, Outcome, Panel, Refine, Stage, Status, motion, overlay,
-    register, search, write_cameras,
+    CameraEntry, CameraFile, Event, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status,
+    motion, overlay, register, register_jointly, search, write_cameras,
 };
 use texreg::surface::Mesh;
 
@@ -50,6 +50,18 @@ impl Registered {
         entry.other.insert("status".into(), json!(self.verdict()));
         entry.other.insert("reasons".into(), json!(self.outcome.reasons));
         entry.other.insert("similarity".into(), json!({"start": start, "end": end}));
+        let uncertainty = self.outcome.uncertainty.as_ref().map(|found| {
+            json!({
+                "rotation_deg": found.rotation_deg,
+                "centre": found.centre,
+                "pixels": found.pixels,
+                "weakest": found.weakest,
+                "focal_pct": found.focal.map(|focal| focal.percent),
+                "focal_distance_correlation": found.focal.map(|focal| focal.with_distance),
+                "covariance": found.covariance.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>(),
+            })
+        });
+        entry.other.insert("uncertainty".into(), json!(uncertainty));
         entry
     }
 }
@@ -68,12 +80,17 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
             principal: refines(Part::Principal),
             distortion: refines(Part::Distortion),
         },
+        share_intrinsics: args.share_intrinsics,
         seed: args.seed,
     };
     let ready = Model::new(&mesh, &args.signal).map_err(|error| anyhow!("{}: {error}", args.inputs.model.display()))?;
     let bar = progress(inputs.photos.len());
-    let photos = inputs.photos.iter().map(|path| one(path, &mesh, &ready, &inputs, &options, &bar));
-    let photos: Vec<Registered> = photos.collect::<anyhow::Result<_>>()?;
+    let photos = if args.joint || args.share_intrinsics {
+        jointly(&mesh, &ready, &inputs, &options, &bar)?
+    } else {
+        let photos = inputs.photos.iter().map(|path| one(path, &mesh, &ready, &inputs, &options, &bar));
+        photos.collect::<anyhow::Result<_>>()?
+    };
     bar.finish_and_clear();
 
     for photo in &photos {
@@ -119,13 +136,54 @@ fn one(
     let outcome = outcome.map_err(|error| anyhow!("{}: {error}", inputs.context(&photo)))?;
     // What was searched for starts at the best view that the search found.
     let start = start.or(first).unwrap_or(outcome.view);
+    registered(mesh, &photo, start, outcome)
+}
+
+/// Registers all photos jointly.
+fn jointly(
+    mesh: &Mesh,
+    model: &Model,
+    inputs: &Inputs,
+    options: &Options,
+    bar: &ProgressBar,
+) -> anyhow::Result<Vec<Registered>> {
+    let photos: Vec<Photo> = inputs.photos.iter().map(|path| photo(path)).collect::<anyhow::Result<_>>()?;
+    let start = |photo: &Photo| match inputs.start(photo)? {
+        Some(start) => Ok(start),
+        None => search(model, photo, &inputs.camera(photo)?, options, &mut |_| ControlFlow::Continue(()))
+            .map(|outcome| outcome.view)
+            .map_err(|error| anyhow!("{}: {error}", inputs.context(photo))),
+    };
+    let starts: Vec<View> = photos.iter().map(start).collect::<anyhow::Result<_>>()?;
+    let size = |photo: &Photo| (photo.width, photo.height);
+    if let Some(other) = photos.iter().find(|photo| options.share_intrinsics && size(photo) != size(&photos[0])) {
+        let [(w, h), (other_w, other_h)] = [size(&photos[0]), size(other)];
+        bail!(
+            "{}: {other_w} × {other_h} pixels, but {} has {w} × {h}; --share-intrinsics is for photos of one camera and one \
+             size",
+            other.file,
+            photos[0].file
+        );
+    }
+    let ready: Vec<Registration> = photos.iter().map(|photo| Registration::new(model, photo, options)).collect();
+    let outcomes = register_jointly(&ready, &starts, options, &mut |event| {
+        bar.set_position(bar.length().unwrap_or_default() * event.done as u64 / event.of.max(1) as u64);
+        ControlFlow::Continue(())
+    });
+    let outcomes = outcomes.map_err(|(photo, error)| anyhow!("{}: {error}", inputs.context(&photos[photo])))?;
+    let all = photos.iter().zip(starts).zip(outcomes);
+    all.map(|((photo, start), outcome)| registered(mesh, photo, start, outcome)).collect()
+}
+
+/// What came of a photo, and its picture.
+fn registered(mesh: &Mesh, photo: &Photo, start: View, outcome: Outcome) -> anyhow::Result<Registered> {
     let panels = [
         Panel { label: "start", view: &start, colour: [255, 168, 30] },
         Panel { label: word(outcome.status), view: &outcome.view, colour: colour(outcome.status) },
     ];
-    let overlay = jpeg(&overlay(mesh, &photo, &panels))?;
+    let overlay = jpeg(&overlay(mesh, photo, &panels))?;
     let motion = motion(&start.pose, &outcome.view.pose, mesh.diagonal());
-    Ok(Registered { file: photo.file, start, outcome, motion, overlay })
+    Ok(Registered { file: photo.file.clone(), start, outcome, motion, overlay })
 }
 
 fn word(status: Status) -> &'static str {
@@ -167,7 +225,7 @@ pub(crate) fn command() -> String {
 }
 
 fn summary(photos: &[Registered], output: &Output) -> String {
-    let header = ["photo", "verdict", "similarity", "rotated", "moved", "evaluations", "ms", ""];
+    let header = ["photo", "verdict", "similarity", "rotated", "moved", "sure to", "evaluations", "ms", ""];
     let mut rows = vec![header.map(str::to_owned).to_vec()];
     for photo in photos {
         let (start, end) = photo.outcome.similarity;
@@ -178,6 +236,7 @@ fn summary(photos: &[Registered], output: &Output) -> String {
             format!("{start:.4} → {end:.4}"),
             format!("{:.3}°", photo.motion.rotation_deg),
             format!("{:.3} %", photo.motion.distance_pct),
+            photo.outcome.uncertainty.as_ref().map_or_else(String::new, |found| format!("±{:.2} px", found.pixels)),
             photo.outcome.evaluations().to_string(),
             format!("{milliseconds:.0}"),
             photo.outcome.reasons.join("; "),

@@ -115,6 +115,17 @@ fn facts(photo: &Registered) -> String {
     if change != 0.0 {
         html += &fact("Focal length changed by", &format!("{change:+.3} %"));
     }
+    if let Some(found) = &photo.outcome.uncertainty {
+        html += &fact(
+            "Sure to",
+            &format!("±{:.2} px, ±{:.3}°, ±{} units", found.pixels, found.rotation_deg, significant(found.centre)),
+        );
+        html += &fact("Weakest in", &found.weakest);
+        if let Some(focal) = found.focal {
+            let text = format!("±{:.2} %, correlation with the distance {:.2}", focal.percent, focal.with_distance);
+            html += &fact("Focal length sure to", &text);
+        }
+    }
     html + &fact("Work", &format!("{} evaluations, {milliseconds:.0} ms", grouped(photo.outcome.evaluations())))
 }
 

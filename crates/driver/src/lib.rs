@@ -6,6 +6,7 @@
 mod climb;
 mod error;
 mod evaluate;
+mod joint;
 mod layer;
 mod model;
 mod objective;
@@ -13,18 +14,22 @@ mod options;
 mod outcome;
 mod overlay;
 mod overview;
+mod pair;
 mod palette;
 mod parameters;
 mod photo;
 mod pyramid;
 mod register;
+mod rig;
 mod samples;
 mod search;
 mod survey;
+mod uncertainty;
 mod verdict;
 
 pub use error::Error;
 pub use evaluate::{Motion, Score, TruePhoto, Truth, motion, read_truth, score};
+pub use joint::register_jointly;
 pub use layer::layer;
 pub use model::Model;
 pub use options::{MetricName, Options, RotationName, SolverName};
@@ -38,3 +43,4 @@ pub use texreg_formats::{
     CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
     write_atomic, write_cameras,
 };
+pub use uncertainty::{FocalUncertainty, Uncertainty};

@@ -6,7 +6,7 @@
 //! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`.
 
 use crate::Refine;
-use crate::parameters::{MOST, POSE, ViewSpace};
+use crate::parameters::{Dense, MOST, POSE, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
 use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
@@ -22,6 +22,23 @@ pub(crate) struct Prior {
     pub(crate) camera: Camera,
     /// What the prior counts for, against one photo: the reciprocal of the number of independent samples in it.
     pub(crate) weight: f64,
+}
+
+impl Prior {
+    /// Minus half the squared distance from the expected camera in standard deviations, weighted.
+    pub(crate) fn log(&self, refine: Refine, camera: &Camera) -> f64 {
+        let offset = refine.offset(&self.camera, camera);
+        let deviations = refine.deviations(&self.camera);
+        -0.5 * self.weight * offset.iter().zip(deviations).map(|(x, d)| (x / d).powi(2)).sum::<f64>()
+    }
+
+    /// The derivatives of [`log`](Self::log) by the camera's components.
+    pub(crate) fn derivatives(&self, refine: Refine, camera: &Camera) -> Dense {
+        let offset = DVector::from_vec(refine.offset(&self.camera, camera));
+        let deviations = DVector::from_vec(refine.deviations(&self.camera));
+        let precision = deviations.map(|d| self.weight / (d * d));
+        Dense { gradient: -precision.component_mul(&offset), curvature: DMatrix::from_diagonal(&precision) }
+    }
 }
 
 /// The metric over the views of one photo.
@@ -61,43 +78,8 @@ impl<'a> PhotoObjective<'a> {
         Self { samples, level, density, metric, space, prior, seen: None, evaluations: 0 }
     }
 
-    /// Minus half the squared distance from the expected camera in standard deviations, weighted.
-    fn log_prior(&self, view: &View) -> f64 {
-        let offset = self.space.refine.offset(&self.prior.camera, &view.camera);
-        let deviations = self.space.refine.deviations(&self.prior.camera);
-        -0.5 * self.prior.weight * offset.iter().zip(deviations).map(|(x, d)| (x / d).powi(2)).sum::<f64>()
-    }
-}
-
-impl Objective<View> for PhotoObjective<'_> {
-    fn value(&mut self, at: &View) -> Option<f64> {
-        self.evaluations += 1;
-        let camera = self.level.camera(&at.camera);
-        let count = self.samples.points.len();
-        let mut values = vec![f32::NAN; count];
-        let mut slopes = vec![[0.0; 2]; count];
-        self.samples
-            .points
-            .par_chunks(CHUNK)
-            .zip(values.par_chunks_mut(CHUNK))
-            .zip(slopes.par_chunks_mut(CHUNK))
-            .for_each(|((points, values), slopes)| {
-                for ((point, value), slope) in points.iter().zip(values).zip(slopes) {
-                    let pixel = camera.project(&at.pose.transform_point(point));
-                    if let Some([v, dx, dy]) = pixel.and_then(|p| self.level.sample(p.x, p.y)) {
-                        *value = v;
-                        *slope = [dx, dy];
-                    }
-                }
-            });
-        let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
-        let value = self.metric.value(&joint);
-        let table = self.metric.derivative(&joint);
-        self.seen = Some(Seen { view: *at, values, slopes, table });
-        Some(value + self.log_prior(at)).filter(|value| value.is_finite())
-    }
-
-    fn derivatives(&mut self, at: &View) -> Derivatives {
+    /// The derivatives at a view, by a step of the chart and by the camera's components.
+    pub(crate) fn dense(&mut self, at: &View) -> Dense {
         if self.seen.as_ref().is_none_or(|seen| seen.view != *at) {
             self.value(at);
         }
@@ -105,7 +87,7 @@ impl Objective<View> for PhotoObjective<'_> {
         let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &seen.values }, &seen.table);
         let camera = self.level.camera(&at.camera);
         let dimension = self.space.refine.dimension();
-        let sums: Vec<Sums> = self
+        let sums: Vec<Sums<MOST>> = self
             .samples
             .points
             .par_chunks(CHUNK)
@@ -127,21 +109,56 @@ impl Objective<View> for PhotoObjective<'_> {
         let scale = 1.0 / self.samples.points.len().max(1) as f64;
         let mut total = Sums::default();
         sums.iter().for_each(|part| total.merge(part));
-        let mut gradient = DVector::from_fn(dimension, |i, _| scale * total.first[i]);
-        let mut curvature = DMatrix::from_fn(dimension, dimension, |i, j| scale * total.second[i.max(j)][i.min(j)]);
-        let offset = self.space.refine.offset(&self.prior.camera, &at.camera);
-        for (k, (x, d)) in offset.iter().zip(self.space.refine.deviations(&self.prior.camera)).enumerate() {
-            let precision = self.prior.weight / (d * d);
-            gradient[POSE + k] -= precision * x;
-            curvature[(POSE + k, POSE + k)] += precision;
-        }
-        self.space.pull_back(at, Derivatives { gradient, curvature: Curvature::Dense(curvature) })
+        let mut tangent = total.derivatives(dimension, scale);
+        let prior = self.prior.derivatives(self.space.refine, &at.camera);
+        let camera = prior.gradient.len();
+        let mut own = tangent.gradient.rows_mut(POSE, camera);
+        own += prior.gradient;
+        let mut own = tangent.curvature.view_mut((POSE, POSE), (camera, camera));
+        own += prior.curvature;
+        self.space.pull_back(at, &tangent)
     }
+}
+
+impl Objective<View> for PhotoObjective<'_> {
+    fn value(&mut self, at: &View) -> Option<f64> {
+        self.evaluations += 1;
+        let (values, slopes) = look(&self.samples.points, self.level, at);
+        let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
+        let value = self.metric.value(&joint);
+        let table = self.metric.derivative(&joint);
+        self.seen = Some(Seen { view: *at, values, slopes, table });
+        Some(value + self.prior.log(self.space.refine, &at.camera)).filter(|value| value.is_finite())
+    }
+
+    fn derivatives(&mut self, at: &View) -> Derivatives {
+        let Dense { gradient, curvature } = self.dense(at);
+        Derivatives { gradient, curvature: Curvature::Dense(curvature) }
+    }
+}
+
+/// What a view sees of points in a level of the photo: the values, NaN outside it, and their slopes.
+pub(crate) fn look(points: &[Point3<f64>], level: &Level, view: &View) -> (Vec<f32>, Vec<[f32; 2]>) {
+    let camera = level.camera(&view.camera);
+    let mut values = vec![f32::NAN; points.len()];
+    let mut slopes = vec![[0.0; 2]; points.len()];
+    (points.par_chunks(CHUNK), values.par_chunks_mut(CHUNK), slopes.par_chunks_mut(CHUNK)).into_par_iter().for_each(
+        |(points, values, slopes)| {
+            for ((point, value), slope) in points.iter().zip(values).zip(slopes) {
+                let pixel = camera.project(&view.pose.transform_point(point));
+                if let Some([v, dx, dy]) = pixel.and_then(|p| level.sample(p.x, p.y)) {
+                    *value = v;
+                    *slope = [dx, dy];
+                }
+            }
+        },
+    );
+    (values, slopes)
 }
 
 /// `gradientᵀ · ∂pixel/∂ξ` for one point and the tangent ξ; `gradient` is by the level's pixels.
 #[inline]
-fn chain(
+pub(crate) fn chain(
     view: &View,
     camera: &Camera,
     refine: Refine,
@@ -165,16 +182,21 @@ fn chain(
     Some(row)
 }
 
-/// Sums of rows and of the lower triangles of their outer products.
-#[derive(Default)]
-struct Sums {
-    first: [f64; MOST],
-    second: [[f64; MOST]; MOST],
+/// Sums of rows of at most `N` numbers, and of the lower triangles of their outer products.
+pub(crate) struct Sums<const N: usize> {
+    first: [f64; N],
+    second: [[f64; N]; N],
 }
 
-impl Sums {
+impl<const N: usize> Default for Sums<N> {
+    fn default() -> Self {
+        Self { first: [0.0; N], second: [[0.0; N]; N] }
+    }
+}
+
+impl<const N: usize> Sums<N> {
     #[inline]
-    fn add(&mut self, row: &[f64]) {
+    pub(crate) fn add(&mut self, row: &[f64]) {
         for (i, x) in row.iter().enumerate() {
             self.first[i] += x;
             for (sum, y) in self.second[i][..=i].iter_mut().zip(row) {
@@ -183,18 +205,26 @@ impl Sums {
         }
     }
 
-    fn merge(&mut self, other: &Self) {
-        for i in 0..MOST {
+    pub(crate) fn merge(&mut self, other: &Self) {
+        for i in 0..N {
             self.first[i] += other.first[i];
             for j in 0..=i {
                 self.second[i][j] += other.second[i][j];
             }
         }
     }
+
+    /// Gradient and curvature of the first components, scaled.
+    pub(crate) fn derivatives(&self, dimension: usize, scale: f64) -> Dense {
+        Dense {
+            gradient: DVector::from_fn(dimension, |i, _| scale * self.first[i]),
+            curvature: DMatrix::from_fn(dimension, dimension, |i, j| scale * self.second[i.max(j)][i.min(j)]),
+        }
+    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::RotationName;
     use crate::options::MetricName;
@@ -205,7 +235,7 @@ mod tests {
     use texreg_optim::Manifold;
 
     /// A bumpy sheet inside a smooth picture, and bins that have to do with what is seen.
-    fn scene() -> (View, Level, SurfaceSamples) {
+    pub(crate) fn scene() -> (View, Level, SurfaceSamples) {
         let (width, height) = (160, 120);
         let camera = Camera {
             width,

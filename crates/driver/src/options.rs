@@ -18,6 +18,8 @@ pub struct Options {
     pub solver: SolverName,
     /// The parts of the camera that are refined with the pose.
     pub refine: Refine,
+    /// Whether one camera took all photos that are registered jointly: what is refined of it is the same for all.
+    pub share_intrinsics: bool,
     /// The seed of everything random.
     pub seed: u64,
 }

@@ -1,5 +1,6 @@
 //! What a registration hands back, and what it tells on the way.
 
+use crate::Uncertainty;
 use texreg_camera::View;
 
 /// The verdict on a registration.
@@ -39,6 +40,8 @@ pub struct Outcome {
     pub reasons: Vec<String>,
     /// The metric at full size at the start and for the view, each over what it shows itself.
     pub similarity: (f64, f64),
+    /// How sure the view is; `None` where it is the start handed back.
+    pub uncertainty: Option<Uncertainty>,
     /// The stages, in order.
     pub stages: Vec<Stage>,
 }

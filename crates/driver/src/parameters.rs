@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2x5, Rotation3, Vector2, Vector3};
 use texreg_camera::{Camera, Projection, View};
 use texreg_lie::{Chart, Pose};
-use texreg_optim::{Curvature, Derivatives, Manifold, Region};
+use texreg_optim::{Manifold, Region};
 
 /// Which parts of the camera are refined with the pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,7 +53,12 @@ impl Refine {
 
     /// The number of components of the tangent space.
     pub(crate) fn dimension(self) -> usize {
-        POSE + usize::from(self.focal) + 2 * usize::from(self.principal) + 5 * usize::from(self.distortion)
+        POSE + self.camera()
+    }
+
+    /// The number of the camera's components.
+    pub(crate) fn camera(self) -> usize {
+        usize::from(self.focal) + 2 * usize::from(self.principal) + 5 * usize::from(self.distortion)
     }
 
     /// Writes the derivatives of `gradientᵀ · pixel` by the camera's components to `out`. The camera, its projection and the
@@ -87,6 +92,19 @@ impl Refine {
     }
 }
 
+/// A gradient, and a dense curvature.
+pub(crate) struct Dense {
+    pub(crate) gradient: DVector<f64>,
+    pub(crate) curvature: DMatrix<f64>,
+}
+
+impl Dense {
+    /// The derivatives by what moves the components through a chain of derivatives.
+    pub(crate) fn pulled_by(&self, chain: &DMatrix<f64>) -> Self {
+        Self { gradient: chain.tr_mul(&self.gradient), curvature: chain.tr_mul(&(&self.curvature * chain)) }
+    }
+}
+
 /// The space of views: a rotation chart, a translation, and the parts of the camera that are refined.
 ///
 /// Objectives know the tangent space alone, whose first three components are the rotation vector ω of `exp(ω) R`;
@@ -98,19 +116,18 @@ pub(crate) struct ViewSpace<'a> {
 
 impl ViewSpace<'_> {
     /// Derivatives by the tangent space to derivatives by a step of the chart.
-    pub(crate) fn pull_back(&self, at: &View, tangent: Derivatives) -> Derivatives {
+    pub(crate) fn pull_back(&self, at: &View, tangent: &Dense) -> Dense {
+        tangent.pulled_by(&self.chain(at, tangent.gradient.len()))
+    }
+
+    /// The derivatives of a tangent space of `dimension` components by a step of the chart.
+    pub(crate) fn chain(&self, at: &View, dimension: usize) -> DMatrix<f64> {
         let turn = self.rotation.derivative(&at.pose.rotation);
-        let rest = tangent.gradient.len() - 3;
-        let mut chain = DMatrix::zeros(3 + rest, turn.ncols() + rest);
+        let rest = dimension - 3;
+        let mut chain = DMatrix::zeros(dimension, turn.ncols() + rest);
         chain.view_mut((0, 0), turn.shape()).copy_from(&turn);
         chain.view_mut((3, turn.ncols()), (rest, rest)).fill_with_identity();
-        Derivatives {
-            gradient: chain.tr_mul(&tangent.gradient),
-            curvature: match tangent.curvature {
-                Curvature::Dense(curvature) => Curvature::Dense(chain.tr_mul(&(curvature * &chain))),
-                other => other,
-            },
-        }
+        chain
     }
 }
 

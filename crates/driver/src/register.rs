@@ -24,12 +24,14 @@ use crate::parameters::ViewSpace;
 use crate::pyramid::{Level, pyramid, spread};
 use crate::samples::{Sampler, Sampling, SurfaceSamples};
 use crate::search::{Region, Search};
+use crate::uncertainty::{Witness, uncertainties};
 use crate::verdict::{Findings, verdict};
 use crate::{Error, Options, Photo, Refine, SolverName, Status};
+use nalgebra::DVector;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::time::Instant;
-use texreg_camera::View;
+use texreg_camera::{Camera, View};
 use texreg_mi::Parzen;
 use texreg_optim::{Objective, Report};
 use texreg_surface::{Mesh, Signal};
@@ -50,12 +52,12 @@ pub fn register(
 
 /// A photo made ready for a model: for registrations from several starts.
 pub struct Registration<'a> {
-    model: &'a Model<'a>,
+    pub(crate) model: &'a Model<'a>,
     photo: &'a Photo,
     options: &'a Options,
     density: Parzen,
     /// The photo, full size first.
-    levels: Vec<Level>,
+    pub(crate) levels: Vec<Level>,
     overview: Overview,
 }
 
@@ -82,23 +84,23 @@ const FINALISTS: usize = 3;
 const APART: f64 = 2.0;
 
 /// The renewed rendering of a view that moved by less than this many pixels of a level shows nothing new.
-const SETTLED: f64 = 0.05;
+pub(crate) const SETTLED: f64 = 0.05;
 
 /// What the camera's prior weighs against a photo: a thousand of its samples are independent.
-const PRIOR: f64 = 1e-3;
+pub(crate) const PRIOR: f64 = 1e-3;
 
 /// How much work a level is worth.
 #[derive(Clone, Copy)]
-struct Effort {
-    samples: usize,
-    renderings: usize,
-    iterations: usize,
+pub(crate) struct Effort {
+    pub(crate) samples: usize,
+    pub(crate) renderings: usize,
+    pub(crate) iterations: usize,
     /// The gain, in nats, below which climbing stops.
-    gain: f64,
+    pub(crate) gain: f64,
 }
 
 /// From the coarsest level to the finest; the last holds for all that follow.
-const EFFORTS: [Effort; 3] = [
+pub(crate) const EFFORTS: [Effort; 3] = [
     Effort { samples: 3_000, renderings: 2, iterations: 10, gain: 1e-4 },
     Effort { samples: 8_000, renderings: 3, iterations: 10, gain: 1e-4 },
     Effort { samples: 30_000, renderings: 4, iterations: 15, gain: 1e-5 },
@@ -155,8 +157,8 @@ struct Finish {
 }
 
 /// A view that climbed, and how.
-struct Climb {
-    view: View,
+pub(crate) struct Climb {
+    pub(crate) view: View,
     similarity: (f64, f64),
     evaluations: usize,
     renderings: usize,
@@ -178,7 +180,18 @@ impl<'a> Registration<'a> {
     /// # Errors
     /// If the model cannot be seen from the start, or the observer says stop.
     pub fn run(&self, start: &View, observer: &mut dyn FnMut(&Event) -> ControlFlow<()>) -> Result<Outcome, Error> {
-        Ok(self.find(start, self.options.refine, observer)?.0)
+        let (outcome, _) = self.find(start, self.options.refine, observer)?;
+        Ok(self.assured(outcome, &start.camera))
+    }
+
+    /// An outcome with how sure its view is; `expected` is the camera it started with.
+    fn assured(&self, mut outcome: Outcome, expected: &Camera) -> Outcome {
+        if outcome.status != Status::Failed {
+            let witness = Witness::new(self, &self.model.inward(&outcome.view), self.options.refine, expected, PRIOR);
+            let found = witness.and_then(|witness| uncertainties(&[witness], 0, &DVector::zeros(0)).pop().flatten());
+            outcome.attach(found);
+        }
+        outcome
     }
 
     /// [`run`](Self::run) with other parts of the camera refined, and what the verdict was built on.
@@ -247,6 +260,7 @@ impl<'a> Registration<'a> {
             across_levels: (finish.coarse - independent, finish.similarity - independent),
             rival: finish.rival,
             covered: finish.covered,
+            shared: None,
         }
     }
 
@@ -256,7 +270,8 @@ impl<'a> Registration<'a> {
         let at_start = findings.similarity.0;
         let (view, end) =
             if finish.similarity > at_start { (&finish.view, finish.similarity) } else { (start, at_start) };
-        Outcome { view: self.model.outward(view), status, reasons, similarity: (at_start, end), stages }
+        let view = self.model.outward(view);
+        Outcome { view, status, reasons, similarity: (at_start, end), uncertainty: None, stages }
     }
 
     /// Several views climb, and the best goes on to the full photo.
@@ -387,17 +402,33 @@ impl<'a> Registration<'a> {
 
     /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
     /// does.
-    fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<(f64, f64)> {
+    pub(crate) fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<(f64, f64)> {
         let samples = EFFORTS[EFFORTS.len() - 1].samples;
         let sampling = Sampling::with_halo(samples);
         let samples = sampler.sample(view, &self.levels[0], &sampling)?;
         let space = self.space(Refine::default());
-        let value = self.objective(0, &samples, &space, view).value(view)?;
+        let value = self.objective(0, &samples, &space, &view.camera, 0.0).value(view)?;
         Some((value, samples.covered as f64))
     }
 
+    /// The metric of a view on the coarsest level, over what it shows itself; `None` where it shows nothing of the model.
+    pub(crate) fn coarse_similarity(&self, view: &View) -> Option<f64> {
+        let coarsest = self.levels.len() - 1;
+        let sampling = Sampling::with_halo(EFFORTS[0].samples);
+        let mut sampler = Sampler::new(&self.model.coarse, &*self.model.signal);
+        let samples = sampler.sample(view, &self.levels[coarsest], &sampling)?;
+        self.objective(coarsest, &samples, &self.space(Refine::default()), &view.camera, 0.0).value(view)
+    }
+
     /// Climbs at one level; `None` where the view shows nothing of the model. `start` brings the expected camera.
-    fn climb(&self, sampler: &mut Sampler, index: usize, from: &View, start: &View, refine: Refine) -> Option<Climb> {
+    pub(crate) fn climb(
+        &self,
+        sampler: &mut Sampler,
+        index: usize,
+        from: &View,
+        start: &View,
+        refine: Refine,
+    ) -> Option<Climb> {
         let level = &self.levels[index];
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
@@ -407,7 +438,7 @@ impl<'a> Registration<'a> {
         let mut climb = Climb { view: *from, similarity: (0.0, 0.0), evaluations: 0, renderings: 0 };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
-            let mut objective = self.objective(index, &samples, &space, start);
+            let mut objective = self.objective(index, &samples, &space, &start.camera, PRIOR);
             let report = if self.options.solver == SolverName::StochasticGradient {
                 let mut batches = Batches {
                     samples: &samples,
@@ -444,18 +475,19 @@ impl<'a> Registration<'a> {
         Some(climb)
     }
 
-    fn space(&self, refine: Refine) -> ViewSpace<'_> {
+    pub(crate) fn space(&self, refine: Refine) -> ViewSpace<'_> {
         ViewSpace { rotation: self.options.rotation.chart(), refine }
     }
 
-    fn objective<'b>(
+    pub(crate) fn objective<'b>(
         &'b self,
         index: usize,
         samples: &'b SurfaceSamples,
         space: &'b ViewSpace<'b>,
-        expected: &View,
+        expected: &Camera,
+        weight: f64,
     ) -> PhotoObjective<'b> {
-        let prior = Prior { camera: expected.camera, weight: PRIOR };
+        let prior = Prior { camera: *expected, weight };
         PhotoObjective::new(samples, &self.levels[index], &self.density, self.options.metric.metric(), space, prior)
     }
 }
@@ -464,6 +496,12 @@ fn climb_name(index: usize) -> String {
     format!("climb 1/{}", 1 << index)
 }
 
-fn stage(name: String, began: Instant, evaluations: usize, renderings: usize, similarity: (f64, f64)) -> Stage {
+pub(crate) fn stage(
+    name: String,
+    began: Instant,
+    evaluations: usize,
+    renderings: usize,
+    similarity: (f64, f64),
+) -> Stage {
     Stage { name, evaluations, renderings, similarity, milliseconds: began.elapsed().as_secs_f64() * 1e3 }
 }

@@ -15,6 +15,8 @@ pub(crate) struct Findings {
     pub(crate) rival: f64,
     /// Pixels of the photo that show the model.
     pub(crate) covered: f64,
+    /// The metric with the lens that the other photos share and with the photo's own, where the shared one is much worse.
+    pub(crate) shared: Option<(f64, f64)>,
 }
 
 /// A right view explains fine detail as well as coarse shapes. Of some 450 registrations of rendered scenes, the metric on the
@@ -51,6 +53,11 @@ pub(crate) fn verdict(findings: &Findings) -> (Status, Vec<String>) {
     if findings.covered < SMALL {
         reasons.push(format!("the model is small in the photo: {:.0} pixels", findings.covered));
     }
+    if let Some((shared, own)) = findings.shared {
+        reasons.push(format!(
+            "the lens of the other photos does not explain this one: {shared:.3} nats, {own:.3} with its own"
+        ));
+    }
     let status = if reasons.is_empty() { Status::Registered } else { Status::Uncertain };
     (status, reasons)
 }
@@ -59,8 +66,14 @@ pub(crate) fn verdict(findings: &Findings) -> (Status, Vec<String>) {
 mod tests {
     use super::*;
 
-    const GOOD: Findings =
-        Findings { similarity: (0.4, 0.6), moved: 20.0, across_levels: (0.6, 0.58), rival: 0.5, covered: 1e5 };
+    const GOOD: Findings = Findings {
+        similarity: (0.4, 0.6),
+        moved: 20.0,
+        across_levels: (0.6, 0.58),
+        rival: 0.5,
+        covered: 1e5,
+        shared: None,
+    };
 
     #[test]
     fn each_finding_has_its_word() {
@@ -69,6 +82,7 @@ mod tests {
             (Findings { across_levels: (0.6, 0.5), ..GOOD }, "fades"),
             (Findings { rival: 0.99, ..GOOD }, "another view"),
             (Findings { covered: 900.0, ..GOOD }, "small"),
+            (Findings { shared: Some((0.4, 0.6)), ..GOOD }, "lens of the other photos"),
         ];
         for (findings, word) in doubts {
             let (status, reasons) = verdict(&findings);

@@ -67,7 +67,7 @@ impl Registration<'_> {
         };
         let finish = self.race(&mut sampler, &field, &mut course)?;
         let findings = self.findings(&finish, &start, at_start);
-        Ok(self.outcome(&finish, &start, &findings, course.stages))
+        Ok(self.assured(self.outcome(&finish, &start, &findings, course.stages), camera))
     }
 
     /// The best views of a camera that might lie in the right basin, with nothing to start from; how many were looked at, and

@@ -1,0 +1,395 @@
+//! How sure a view is.
+//!
+//! At the maximum of the metric M, with −H its Hessian, what its samples do not agree on moves the maximum. Cut the photo into
+//! G regions of equally many samples; leaving out region g leaves a gradient r_g, and so moves the maximum by δ_g = H⁻¹ r_g to
+//! first order. The covariance is
+//!
+//! ```text
+//! Σ = (G − 1)/G Σ_g δ_g δ_gᵀ,
+//! ```
+//!
+//! the delete-a-group jackknife (J. Shao and C. F. J. Wu, *A general theory for jackknife variance estimation*, Annals of
+//! Statistics 17(3), 1989), in its one-step form, which is a sandwich estimator with the density's own uncertainty in it.
+//! Regions are large, as what the model leaves unexplained (paint, shadows, clutter) is alike over large parts of a photo; the
+//! inverse Hessian alone would take every sample for a witness of its own.
+//!
+//! Photos that share a lens have H in the shape of an arrow, and a region of one photo moves the lens, and through it all.
+
+use crate::objective::chain;
+use crate::parameters::{POSE, Refine, ViewSpace};
+use crate::register::{EFFORTS, Registration};
+use crate::samples::{Sampler, Sampling, SurfaceSamples};
+use crate::{Outcome, RotationName, Status};
+use nalgebra::{DMatrix, DVector, Matrix6, Point2, Point3, Vector2, Vector6};
+use rayon::prelude::*;
+use texreg_camera::{Camera, View};
+use texreg_lie::so3;
+use texreg_optim::{Arrow, Manifold};
+
+/// The standard deviations of a view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// Of the orientation: the root of the summed variances about three axes, in degrees.
+    pub rotation_deg: f64,
+    /// Of the camera's centre, in model units: the root of the summed variances along three axes.
+    pub centre: f64,
+    /// Of the surface in the photo, in pixels: the root mean square over what is visible.
+    pub pixels: f64,
+    /// The direction that is determined worst, in words.
+    pub weakest: String,
+    /// Of the focal length, where it is refined.
+    pub focal: Option<FocalUncertainty>,
+    /// The covariance of `(ω, t)` for the pose `exp(ω, t) · pose`, in radians and model units.
+    pub covariance: Matrix6<f64>,
+}
+
+/// How sure a focal length is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FocalUncertainty {
+    /// The standard deviation in percent.
+    pub percent: f64,
+    /// The correlation with the distance of the model, −1 to 1: near 1, one stands in for the other.
+    pub with_distance: f64,
+}
+
+/// The number of regions: a power of two.
+const REGIONS: usize = 16;
+
+/// The steps of the differences that make the Hessian move the picture by about this many pixels.
+const STEP: f64 = 0.5;
+
+/// A direction whose curvature is less than this share of the largest counts as one of so much: it is all but undetermined.
+const FLAT: f64 = 1e-4;
+
+/// Points of the surface that stand for all of it.
+const PROBES: usize = 300;
+
+/// A surface that is looser than this share of the photo's diagonal is not registered.
+const LOOSE: f64 = 0.002;
+
+/// A focal length that is looser than this, in percent, and bound to the distance like this, has not been found.
+const LOOSE_FOCAL: f64 = 2.0;
+const TRADED: f64 = 0.9;
+
+/// What one photo says of its view, and how far its regions agree.
+pub(crate) struct Witness {
+    view: View,
+    refine: Refine,
+    /// Visible points of the surface.
+    probes: Vec<Point3<f64>>,
+    /// Minus the Hessian.
+    information: DMatrix<f64>,
+    /// The gradients without each region, less their mean.
+    left: Vec<DVector<f64>>,
+}
+
+impl Witness {
+    /// What a photo says at the best view, of the model's frame, by the components of a view in the Lie chart; `expected` is
+    /// the expected camera, `prior` what that counts for. `None` where the view shows nothing of the model.
+    pub(crate) fn new(
+        photo: &Registration,
+        view: &View,
+        refine: Refine,
+        expected: &Camera,
+        prior: f64,
+    ) -> Option<Self> {
+        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine };
+        let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples);
+        let samples = Sampler::new(photo.model.mesh, &*photo.model.signal).sample(view, &photo.levels[0], &sampling)?;
+        let background = photo.model.signal.bins() as u16;
+        let surface = samples.bins.iter().filter(|&&bin| bin != background).count();
+        let probes: Vec<_> = samples.points[..surface].iter().step_by(surface / PROBES + 1).copied().collect();
+        let gradient = |samples: &SurfaceSamples, at: &View| {
+            photo.objective(0, samples, &space, expected, prior).dense(at).gradient
+        };
+        let reach = motions(view, refine, &probes);
+        let columns: Vec<DVector<f64>> = (0..space.dimension())
+            .into_par_iter()
+            .map(|k| {
+                let step = STEP / reach[k].max(f64::MIN_POSITIVE);
+                let at = |step: f64| {
+                    let mut tangent = DVector::zeros(space.dimension());
+                    tangent[k] = step;
+                    space.retract(view, &tangent).map(|at| gradient(&samples, &at))
+                };
+                Some((at(-step)? - at(step)?) / (2.0 * step))
+            })
+            .collect::<Option<_>>()?;
+        let information = convex(&DMatrix::from_columns(&columns), &reach);
+        let mut left: Vec<DVector<f64>> =
+            regions(view, &samples).into_par_iter().map(|rest| gradient(&rest, view)).collect();
+        let mean = left.iter().sum::<DVector<f64>>() / left.len() as f64;
+        left.iter_mut().for_each(|left| *left -= &mean);
+        Some(Self { view: *view, refine, probes, information, left })
+    }
+}
+
+/// A matrix made symmetric and positive definite: in units of a pixel's motion, no direction has less than a small share of the
+/// largest curvature.
+fn convex(matrix: &DMatrix<f64>, motions: &[f64]) -> DMatrix<f64> {
+    let scale = DVector::from_iterator(motions.len(), motions.iter().map(|motion| motion.max(f64::MIN_POSITIVE)));
+    let in_pixels = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
+        0.5 * (matrix[(i, j)] + matrix[(j, i)]) / (scale[i] * scale[j])
+    });
+    let mut eigen = in_pixels.symmetric_eigen();
+    let least = FLAT * eigen.eigenvalues.amax();
+    eigen.eigenvalues.apply(|value| *value = value.max(least));
+    let mut convex = eigen.recompose();
+    for (j, mut column) in convex.column_iter_mut().enumerate() {
+        column.iter_mut().enumerate().for_each(|(i, x)| *x *= scale[i] * scale[j]);
+    }
+    convex
+}
+
+/// The samples without those of each region: halves of halves, with as many samples in each.
+fn regions(view: &View, samples: &SurfaceSamples) -> Vec<SurfaceSamples> {
+    let pixel = |point: &Point3<f64>| view.project(point).unwrap_or(Point2::origin());
+    let pixels: Vec<Point2<f64>> = samples.points.iter().map(pixel).collect();
+    let mut regions = vec![(0..pixels.len()).collect::<Vec<usize>>()];
+    while regions.len() < REGIONS {
+        let halves = regions.into_iter().flat_map(|mut region| {
+            let extent = |axis: usize| {
+                let along = region.iter().map(|&i| pixels[i][axis]);
+                let (low, high) = along.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
+                high - low
+            };
+            let axis = usize::from(extent(1) > extent(0));
+            region.sort_by(|&i, &j| pixels[i][axis].total_cmp(&pixels[j][axis]).then(i.cmp(&j)));
+            let half = region.split_off(region.len() / 2);
+            [region, half]
+        });
+        regions = halves.collect();
+    }
+    let without = |region: Vec<usize>| {
+        let mut kept = vec![true; pixels.len()];
+        region.into_iter().for_each(|i| kept[i] = false);
+        let indices = || (0..pixels.len()).filter(|&i| kept[i]);
+        SurfaceSamples {
+            points: indices().map(|i| samples.points[i]).collect(),
+            bins: indices().map(|i| samples.bins[i]).collect(),
+            covered: samples.covered,
+        }
+    };
+    regions.into_iter().map(without).collect()
+}
+
+/// How far the picture moves with each component of a view: the root mean square over points, in pixels per unit.
+fn motions(view: &View, refine: Refine, probes: &[Point3<f64>]) -> Vec<f64> {
+    let mut sums = vec![0.0; refine.dimension()];
+    for row in probes.iter().flat_map(|point| rows(view, refine, point)) {
+        sums.iter_mut().zip(row.iter()).for_each(|(sum, x)| *sum += x * x);
+    }
+    sums.into_iter().map(|sum| (sum / probes.len().max(1) as f64).sqrt()).collect()
+}
+
+/// The derivatives of a point's pixel, u and v, by the components of a view.
+fn rows(view: &View, refine: Refine, point: &Point3<f64>) -> impl Iterator<Item = DVector<f64>> {
+    let row = |axis: Vector2<f64>| {
+        let row = chain(view, &view.camera, refine, 1.0, point, &axis)?;
+        Some(DVector::from_column_slice(&row[..refine.dimension()]))
+    };
+    [row(Vector2::x()), row(Vector2::y())].into_iter().flatten()
+}
+
+/// How sure each view is, where the last `common` components are the same for all, with `precision` what is known of them before.
+/// `None` where numbers fail.
+pub(crate) fn uncertainties(
+    witnesses: &[Witness],
+    common: usize,
+    precision: &DVector<f64>,
+) -> Vec<Option<Uncertainty>> {
+    let n = |witness: &Witness| witness.information.nrows() - common;
+    let mut arrow = Arrow::zeros(&witnesses.iter().map(n).collect::<Vec<_>>(), common);
+    arrow.shared.set_diagonal(precision);
+    for (arm, witness) in arrow.arms.iter_mut().zip(witnesses) {
+        let (n, information) = (n(witness), &witness.information);
+        arm.own.copy_from(&information.view((0, 0), (n, n)));
+        arm.with_shared.copy_from(&information.view((0, n), (n, common)));
+        arrow.shared += information.view((n, n), (common, common));
+    }
+    let inverse = arrow.inverse().and_then(|inverse| Some((inverse.shared.clone().try_inverse()?, inverse)));
+    let Some((schur, inverse)) = inverse else { return vec![None; witnesses.len()] };
+    // How each region of each photo moves that photo's own components and the common ones.
+    let moves = witnesses.iter().enumerate().map(|(k, witness)| {
+        let (own, beside) = (&inverse.own[k], &inverse.with_shared[k]);
+        let of = |left: &DVector<f64>| {
+            let (a, b) = (left.rows(0, n(witness)), left.rows(n(witness), common));
+            (own * a + beside * b, beside.tr_mul(&a) + &inverse.shared * b)
+        };
+        witness.left.iter().map(of).collect()
+    });
+    let moves: Vec<Vec<(DVector<f64>, DVector<f64>)>> = moves.collect();
+    let spread = moves.iter().flatten().map(|(_, shared)| shared * shared.transpose());
+    let spread = spread.fold(DMatrix::zeros(common, common), |sum, part| sum + part);
+    let of = |k: usize| {
+        let n = n(&witnesses[k]);
+        // Regions of other photos move the view through the common components alone.
+        let mut through = DMatrix::zeros(n + common, common);
+        through.view_mut((0, 0), (n, common)).copy_from(&(&inverse.with_shared[k] * &schur));
+        through.view_mut((n, 0), (common, common)).fill_with_identity();
+        let mut covariance = &through * &spread * through.transpose();
+        for (own, shared) in &moves[k] {
+            let (mut all, others) = (DVector::zeros(n + common), &through * shared);
+            all.rows_mut(0, n).copy_from(own);
+            all.rows_mut(n, common).copy_from(shared);
+            covariance += &all * all.transpose() - &others * others.transpose();
+        }
+        Some(describe(&witnesses[k], &((REGIONS - 1) as f64 / REGIONS as f64 * covariance)))
+    };
+    (0..witnesses.len()).map(of).collect()
+}
+
+/// The numbers of a covariance by the components of a view.
+fn describe(witness: &Witness, covariance: &DMatrix<f64>) -> Uncertainty {
+    let view = &witness.view;
+    let pose: Matrix6<f64> = covariance.fixed_view::<POSE, POSE>(0, 0).into_owned();
+    // A step of the view turns the model about its own origin; exp(ω, t) · pose turns it about the camera's centre.
+    let mut about_camera = Matrix6::identity();
+    about_camera.fixed_view_mut::<3, 3>(3, 0).copy_from(&so3::hat(&view.pose.translation));
+    let left = about_camera * pose * about_camera.transpose();
+    let deviation = |matrix: &Matrix6<f64>, first: usize| -> f64 {
+        (first..first + 3).map(|k| matrix[(k, k)]).sum::<f64>().max(0.0).sqrt()
+    };
+    let variances = witness.probes.iter().flat_map(|point| rows(view, witness.refine, point));
+    let variance: f64 = variances.map(|row| (covariance * &row).dot(&row)).sum();
+    let focal = witness.refine.focal.then(|| {
+        let (focal, distance) = (covariance[(POSE, POSE)], covariance[(5, 5)]);
+        let with_distance = covariance[(POSE, 5)] / (focal * distance).sqrt();
+        FocalUncertainty { percent: 100.0 * focal.max(0.0).sqrt(), with_distance }
+    });
+    Uncertainty {
+        rotation_deg: deviation(&pose, 0).to_degrees(),
+        centre: deviation(&left, 3),
+        pixels: (variance / witness.probes.len().max(1) as f64).max(0.0).sqrt(),
+        weakest: weakest(&witness.probes, &pose),
+        focal,
+        covariance: left,
+    }
+}
+
+/// The direction in which the surface moves most, in words: turns count by how far they move it.
+fn weakest(probes: &[Point3<f64>], pose: &Matrix6<f64>) -> String {
+    const NAMES: [&str; POSE] = [
+        "nodding about the horizontal axis",
+        "turning about the upright axis",
+        "rolling about the line of sight",
+        "shift to the side",
+        "shift up or down",
+        "distance",
+    ];
+    let square = probes.iter().map(|point| point.coords.norm_squared()).sum::<f64>() / probes.len().max(1) as f64;
+    let radius = square.sqrt();
+    let scale = Matrix6::from_diagonal(&Vector6::new(radius, radius, radius, 1.0, 1.0, 1.0));
+    let eigen = (scale * pose * scale).symmetric_eigen();
+    let direction: Vector6<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let most = direction.amax();
+    let mut parts: Vec<(f64, &str)> =
+        direction.iter().zip(NAMES).map(|(x, name)| (x.abs(), name)).filter(|(x, _)| *x > 0.6 * most).collect();
+    parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    parts.into_iter().map(|(_, name)| name).collect::<Vec<_>>().join(" with ")
+}
+
+impl Outcome {
+    /// Adds how sure the view is, and the doubts that follow from it.
+    pub(crate) fn attach(&mut self, uncertainty: Option<Uncertainty>) {
+        let camera = &self.view.camera;
+        let diagonal = f64::from(camera.width).hypot(f64::from(camera.height));
+        let mut doubts = Vec::new();
+        match &uncertainty {
+            None => doubts.push("how sure the view is cannot be said".to_owned()),
+            Some(found) if found.pixels > LOOSE * diagonal => doubts
+                .push(format!("the view is loose: ±{:.1} px on the surface, most in {}", found.pixels, found.weakest)),
+            Some(_) => {}
+        }
+        if let Some(focal) = uncertainty.as_ref().and_then(|found| found.focal)
+            && focal.percent > LOOSE_FOCAL
+            && focal.with_distance.abs() > TRADED
+        {
+            doubts.push(format!(
+                "the focal length (±{:.1} %) and the distance stand in for each other (correlation {:.2})",
+                focal.percent, focal.with_distance
+            ));
+        }
+        if self.status == Status::Registered && !doubts.is_empty() {
+            self.status = Status::Uncertain;
+        }
+        self.reasons.extend(doubts);
+        self.uncertainty = uncertainty;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use texreg_lie::Pose;
+
+    /// Numbers without a pattern, from −1 to 1.
+    fn number(i: usize, j: usize, k: usize) -> f64 {
+        (12.9898 * i as f64 + 78.233 * j as f64 + 37.719 * k as f64).sin()
+    }
+
+    #[test]
+    fn the_covariance_is_that_of_the_whole_matrix() {
+        let (photos, common) = (3, 1);
+        let own = POSE;
+        let refine = Refine { focal: true, ..Refine::default() };
+        let view = View { camera: Camera::ideal(64, 48, 60.0), pose: Pose::identity() };
+        let witness = |k: usize| {
+            let root = DMatrix::from_fn(own + common, own + common, |i, j| number(i, j, k));
+            let left = (0..REGIONS).map(|g| DVector::from_fn(own + common, |i, _| number(i, g, 100 + k)));
+            let information = &root * root.transpose() + DMatrix::identity(own + common, own + common);
+            Witness { view, refine, probes: Vec::new(), information, left: left.collect() }
+        };
+        let witnesses: Vec<Witness> = (0..photos).map(witness).collect();
+        let precision = DVector::from_element(common, 0.3);
+        let found = uncertainties(&witnesses, common, &precision);
+
+        let dimension = photos * own + common;
+        let place = |k: usize, i: usize| if i < own { k * own + i } else { photos * own + i - own };
+        let mut whole = DMatrix::zeros(dimension, dimension);
+        whole[(dimension - 1, dimension - 1)] = 0.3;
+        for (k, witness) in witnesses.iter().enumerate() {
+            for i in 0..own + common {
+                for j in 0..own + common {
+                    whole[(place(k, i), place(k, j))] += witness.information[(i, j)];
+                }
+            }
+        }
+        let inverse = whole.try_inverse().unwrap();
+        let mut covariance = DMatrix::zeros(dimension, dimension);
+        for (k, witness) in witnesses.iter().enumerate() {
+            for left in &witness.left {
+                let mut all = DVector::zeros(dimension);
+                (0..own + common).for_each(|i| all[place(k, i)] = left[i]);
+                let moved = &inverse * all;
+                covariance += 15.0 / 16.0 * &moved * moved.transpose();
+            }
+        }
+        for (k, found) in found.iter().enumerate() {
+            let found = found.as_ref().unwrap();
+            let pose = covariance.view((k * own, k * own), (own, own));
+            assert!((found.covariance - pose).amax() < 1e-9 * pose.amax());
+            let focal = covariance[(dimension - 1, dimension - 1)].sqrt();
+            assert!((found.focal.unwrap().percent - 100.0 * focal).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn what_has_no_curvature_is_given_a_little() {
+        let matrix = DMatrix::from_row_slice(2, 2, &[4.0, 0.0, 0.0, -1.0]);
+        let convex = convex(&matrix, &[1.0, 2.0]);
+        assert!((convex[(0, 0)] - 4.0).abs() < 1e-12 && (convex[(1, 1)] - 4.0 * 4.0 * FLAT).abs() < 1e-12, "{convex}");
+    }
+
+    #[test]
+    fn regions_hold_as_many_samples_each_and_lie_together() {
+        let view = View { camera: Camera::ideal(64, 48, 60.0), pose: Pose::identity() };
+        let points = (0..1600).map(|i| Point3::new(f64::from(i % 40) / 60.0, f64::from(i / 40) / 80.0, 1.0));
+        let samples = SurfaceSamples { points: points.collect(), bins: vec![0; 1600], covered: 1600 };
+        let rests = regions(&view, &samples);
+        assert_eq!(rests.len(), REGIONS);
+        assert!(rests.iter().all(|rest| rest.points.len() == 1500 && rest.bins.len() == 1500));
+        let extent = |points: &[Point3<f64>]| points.iter().map(|p| p.x).fold(0.0, f64::max);
+        assert!(rests.iter().filter(|rest| extent(&rest.points) < 0.64).count() == 0, "no region takes a whole side");
+    }
+}
