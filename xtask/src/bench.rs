@@ -9,6 +9,7 @@ mod load;
 mod pnp;
 mod raster;
 mod register;
+mod studio;
 mod texture;
 
 use serde::Serialize;
@@ -49,6 +50,7 @@ enum Name {
     Pnp,
     Raster,
     Register,
+    Studio,
     Texture,
 }
 
@@ -64,6 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,
         Name::Register => register::run(arguments)?,
+        Name::Studio => studio::run(arguments)?,
         Name::Texture => texture::run(arguments)?,
     };
     report.print(arguments.json)

@@ -1,6 +1,7 @@
 //! What can be typed after `texreg`.
 
 use std::fmt::Display;
+use std::net::{IpAddr, Ipv4Addr};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -45,6 +46,8 @@ pub(crate) enum Command {
     Evaluate(Evaluate),
     /// Take cameras to and from other programs
     Convert(Convert),
+    /// Pick pairs, register and judge on a local web page
+    Studio(Studio),
 }
 
 /// What `register` and `pose` have in common.
@@ -367,6 +370,37 @@ pub(crate) struct Evaluate {
     /// The true cameras: a cameras.json with bbox_diagonal, and width, height and visible_points in each entry
     #[arg(long, value_name = "FILE")]
     pub(crate) truth: PathBuf,
+}
+
+/// `texreg studio`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Studio {
+    /// The model: PLY, OBJ, STL, OFF, glTF, or a MeshLab project
+    pub(crate) model: PathBuf,
+    /// The photos: JPEG, PNG or TIFF
+    #[arg(required = true, value_name = "PHOTO")]
+    pub(crate) photos: Vec<PathBuf>,
+    /// Pairs to begin with, where the folder has none: a correspondences.json
+    #[arg(long, display_order = 0, value_name = "FILE")]
+    pub(crate) pairs: Option<PathBuf>,
+    /// Cameras to begin with, where the folder has none: a cameras.json
+    #[arg(long, display_order = 0, value_name = "FILE")]
+    pub(crate) init: Option<PathBuf>,
+    /// Intrinsics and distortion: a camera.json, or a cameras.json that names the photos [default: --init's, or EXIF's]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) camera: Option<PathBuf>,
+    /// The folder the work is kept in; one that has some is gone on with
+    #[arg(short, long, value_name = "DIR", default_value = "texreg-out")]
+    pub(crate) output: PathBuf,
+    /// The port of the page, 0 for a free one
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) port: u16,
+    /// The address to serve at; with another than this machine's own, everybody who has the page's address can use it
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    pub(crate) bind: IpAddr,
+    /// Only print the page's address, open no browser
+    #[arg(long)]
+    pub(crate) no_open: bool,
 }
 
 /// Reads one of the names that `all` the values have.

@@ -7,17 +7,13 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, bail};
 use texreg::camera::{Camera, View};
 use texreg::driver::{
-    CameraFile, Lens, LensFile, PairsEntry, Photo, PhotoError, base_name, read_cameras, read_lenses, read_pairs,
+    CameraFile, FEWEST_PAIRS, Lens, LensFile, PairsEntry, Photo, PhotoError, base_name, pose_from_pairs, read_cameras,
+    read_lenses, read_pairs,
 };
-use texreg::posit::{self, Correspondence, Solution};
+use texreg::posit::{Correspondence, Solution};
 use texreg::surface::{self, Mesh};
 
 use crate::args;
-
-/// The fewest pairs that make a pose.
-const FEWEST: usize = 4;
-/// A pair farther from where the pose puts it than this share of the photo's diagonal is left out.
-const ASTRAY: f64 = 0.02;
 
 /// The photos of a run and everything the command line says of them, checked as far as is possible without opening a photo.
 pub(crate) struct Inputs {
@@ -65,10 +61,10 @@ impl Inputs {
                 let named = entries.iter().map(|entry| entry.file.as_str());
                 let entry = entry.with_context(|| unnamed(path, photo, named))?;
                 let count = entry.points.len();
-                if count < FEWEST {
+                if count < FEWEST_PAIRS {
                     let s = if count == 1 { "" } else { "s" };
                     bail!(
-                        "{}: photo {photo} has {count} pair{s}; add pairs until it has at least {FEWEST}",
+                        "{}: photo {photo} has {count} pair{s}; add pairs until it has at least {FEWEST_PAIRS}",
                         path.display()
                     );
                 }
@@ -122,9 +118,7 @@ impl Inputs {
                 .map_or(&[], |entry| entry.points.as_slice()),
             Start::Init(..) | Start::Nowhere => &[],
         };
-        let diagonal = f64::from(photo.width).hypot(f64::from(photo.height));
-        let options = posit::Options { threshold: Some(ASTRAY * diagonal), ..posit::Options::default() };
-        posit::pose(pairs, &camera, &options).map_err(|cause| {
+        pose_from_pairs(pairs, &camera).map_err(|cause| {
             anyhow!("{}: no pose fits the pairs ({cause}); check them, or add more", self.context(photo))
         })
     }

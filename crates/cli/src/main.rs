@@ -15,6 +15,7 @@ mod pose;
 mod register;
 mod render;
 mod report;
+mod studio;
 mod texture;
 
 use std::process::ExitCode;
@@ -54,5 +55,6 @@ fn run(args: &Args) -> anyhow::Result<Ending> {
         Command::Calibrate(calibrate) => calibrate::run(calibrate, args.json),
         Command::Evaluate(evaluate) => evaluate::run(evaluate, args.json),
         Command::Convert(convert) => convert::run(convert, args.json),
+        Command::Studio(studio) => studio::run(studio, args.json),
     }
 }

@@ -9,12 +9,14 @@ mod evaluate;
 mod joint;
 mod layer;
 mod model;
+mod nudge;
 mod objective;
 mod options;
 mod outcome;
 mod overlay;
 mod overview;
 mod pair;
+mod pairs;
 mod palette;
 mod parameters;
 mod photo;
@@ -26,21 +28,27 @@ mod search;
 mod survey;
 mod uncertainty;
 mod verdict;
+mod viewer;
+mod window;
 
 pub use error::Error;
 pub use evaluate::{Motion, Score, TruePhoto, Truth, motion, read_truth, score};
 pub use joint::register_jointly;
 pub use layer::layer;
 pub use model::Model;
+pub use nudge::Nudge;
 pub use options::{MetricName, Options, RotationName, SolverName};
 pub use outcome::{Event, Outcome, Stage, Status};
-pub use overlay::{Panel, overlay};
+pub use overlay::{Panel, outline_picture, overlay};
+pub use pairs::{FEWEST_PAIRS, PairFit, fit_of_pairs, pose_and_focal_from_pairs, pose_from_pairs};
 pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
 pub use register::{Registration, register, search};
 // The files of cameras are the door of the same house.
 pub use texreg_formats::{
     CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
-    write_atomic, write_cameras,
+    write_atomic, write_cameras, write_pairs,
 };
 pub use uncertainty::{FocalUncertainty, Uncertainty};
+pub use viewer::{Projected, Shading, Skin, Viewer, pick};
+pub use window::Window;

@@ -15,7 +15,7 @@ use texreg_lie::Pose;
 use texreg_raster::{GBuffer, NO_FACE, Options, Triangles, render};
 use texreg_surface::Mesh;
 
-use crate::Photo;
+use crate::{Photo, Window};
 
 /// Rendered pixels to a picture's pixel, along each axis.
 const FINE: u32 = 2;
@@ -124,16 +124,36 @@ impl Frame {
 
     /// The camera that sees this part of the photo in `FINE` times the panel's pixels.
     fn camera(&self, camera: &Camera) -> Camera {
-        let [width, height] = self.panel.map(|n| n * FINE);
-        let (sx, sy) = (f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
-        let mut camera = *camera;
-        (camera.width, camera.height) = (width, height);
-        let k = &mut camera.intrinsics;
-        (k.fx, k.fy, k.skew) = (k.fx * sx, k.fy * sy, k.skew * sx);
-        k.cx = (k.cx - f64::from(self.left) + 0.5) * sx - 0.5;
-        k.cy = (k.cy - f64::from(self.top) + 0.5) * sy - 0.5;
-        camera
+        let [left, top, width, height] = [self.left, self.top, self.width, self.height].map(f64::from);
+        Window { left, top, width, height, pixels: self.panel.map(|n| n * FINE) }.camera(camera)
     }
+}
+
+/// The outline of the model alone, over nothing: red, green, blue and opacity, row by row in the view's own pixels.
+pub fn outline_picture(mesh: &Mesh, view: &View, colour: [u8; 3]) -> Vec<[u8; 4]> {
+    let camera = view.camera.scaled(f64::from(FINE));
+    let camera_from_mesh = view.pose * Pose::new(nalgebra::Rotation3::identity(), mesh.origin);
+    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let fine = render(&triangles, &camera, &camera_from_mesh, &Options::default());
+    let edges = edges(&fine, (JUMP * mesh.diagonal()) as f32);
+    let (line, rim) = (spread(&edges, fine.width, 1), spread(&edges, fine.width, 3));
+    let width = view.camera.width as usize;
+    let pixel = |at: usize| {
+        let (on_line, on_rim) = (share(&line, at, width), share(&rim, at, width));
+        let opacity = 1.0 - (1.0 - 0.4 * on_rim) * (1.0 - on_line);
+        let of_line = if opacity > 0.0 { on_line / opacity } else { 0.0 };
+        let mix = |k: usize| (INK[k] + (f32::from(colour[k]) - INK[k]) * of_line).round() as u8;
+        [mix(0), mix(1), mix(2), (255.0 * opacity).round() as u8]
+    };
+    (0..width * view.camera.height as usize).into_par_iter().map(pixel).collect()
+}
+
+/// The share of a picture's pixel that is marked in `FINE` times its resolution.
+fn share(marks: &[bool], at: usize, width: usize) -> f32 {
+    let fine = FINE as usize;
+    let first = (at / width * width * fine + at % width) * fine;
+    let count = (0..fine * fine).filter(|i| marks[first + i / fine * width * fine + i % fine]).count();
+    count as f32 / (FINE * FINE) as f32
 }
 
 fn draw_model(picture: &mut RgbImage, mesh: &Mesh, frame: &Frame, panel: &Panel<'_>) {

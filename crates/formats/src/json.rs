@@ -16,12 +16,16 @@ use texreg_lie::Pose;
 use texreg_posit::Correspondence;
 
 /// One photo's entry of a `correspondences.json`: points of the model and where the photo shows them.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairsEntry {
     /// The photo's file name.
     pub file: String,
     /// Its correspondences.
     pub points: Vec<Correspondence>,
+    /// What each is called, as many as `points`; empty where it has no name.
+    pub names: Vec<String>,
+    /// Everything else the entry says.
+    pub other: Map<String, Value>,
 }
 
 /// Reads a `cameras.json`.
@@ -58,13 +62,33 @@ pub fn read_pairs(path: &Path) -> Result<Vec<PairsEntry>, FileError> {
     struct Pair {
         xyz: [f64; 3],
         uv: [f64; 2],
+        name: Option<String>,
     }
     let entries = Fields::open(path)?.photos()?.into_iter().map(|mut fields| {
         let points: Vec<Pair> = fields.take("points")?;
-        let points = points.iter().map(|p| Correspondence::new(Point3::from(p.xyz), Point2::from(p.uv))).collect();
-        Ok(PairsEntry { file: fields.photo.unwrap_or_default(), points })
+        let pair = |p: Pair| (Correspondence::new(Point3::from(p.xyz), Point2::from(p.uv)), p.name.unwrap_or_default());
+        let (points, names) = points.into_iter().map(pair).unzip();
+        Ok(PairsEntry { file: fields.photo.unwrap_or_default(), points, names, other: fields.map })
     });
     entries.collect()
+}
+
+/// Writes a `correspondences.json`, one pair a line, numbers so that they read back exactly.
+pub fn write_pairs(path: &Path, entries: &[PairsEntry]) -> Result<(), FileError> {
+    let photo = |entry: &PairsEntry| {
+        let pair = |(i, pair): (usize, &Correspondence)| {
+            let mut keys = json!({"xyz": <[f64; 3]>::from(pair.point), "uv": <[f64; 2]>::from(pair.pixel)});
+            if let Some(name) = entry.names.get(i).filter(|name| !name.is_empty()) {
+                keys["name"] = json!(name);
+            }
+            format!("\n    {keys}")
+        };
+        let points: Vec<String> = entry.points.iter().enumerate().map(pair).collect();
+        let other: String = entry.other.iter().map(|(key, value)| format!("\n   {}: {value},", json!(key))).collect();
+        format!("\n  {{\n   \"file\": {},{other}\n   \"points\": [{}]\n  }}", json!(entry.file), points.join(","))
+    };
+    let photos: Vec<String> = entries.iter().map(photo).collect();
+    write_atomic(path, format!("{{\n \"photos\": [{}\n ]\n}}\n", photos.join(",")).as_bytes())
 }
 
 /// The text of a `camera.json`.

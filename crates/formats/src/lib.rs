@@ -24,7 +24,7 @@ mod xml;
 pub use cameras::{CameraEntry, CameraFile, base_name};
 pub use file::{FileError, write_atomic};
 pub use format::{Format, lost, read_cameras, read_lenses, write_lens};
-pub use json::{PairsEntry, read_pairs, write_cameras};
+pub use json::{PairsEntry, read_pairs, write_cameras, write_pairs};
 pub use lens::{Lens, LensFile};
 pub use scene::Scene;
 

@@ -28,10 +28,10 @@ const PEERS: [(&str, &str, [f64; 2]); 3] = [
 const SIZES: [(u32, u32); 2] = [(1024, 768), (2048, 1536)];
 
 /// A mesh that owns its arrays.
-struct Model {
+pub(super) struct Model {
     name: String,
-    positions: Vec<[f32; 3]>,
-    indices: Vec<[u32; 3]>,
+    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) indices: Vec<[u32; 3]>,
 }
 
 /// Runs the benchmark.
@@ -222,7 +222,7 @@ impl Model {
     }
 
     /// A closed bumpy sphere of about unit radius with 4·rings² triangles, row after row.
-    fn bumpy_sphere(name: &str, rings: u32) -> Self {
+    pub(super) fn bumpy_sphere(name: &str, rings: u32) -> Self {
         let columns = 2 * rings;
         let point = |ring: u32, column: u32| {
             let theta = std::f32::consts::PI * ring as f32 / rings as f32;
