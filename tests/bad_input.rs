@@ -163,8 +163,8 @@ fn two_photos_of_one_name() {
 #[test]
 fn a_model_without_faces() {
     let bench = Bench::new();
-    let points = TETRAHEDRON.replace("element face 4", "element face 0").split("3 0 1 2").next().unwrap().to_owned();
-    bench.put("model.ply", points);
+    let lines = TETRAHEDRON.replace("element face 4", "element face 1").split("3 0 1 2").next().unwrap().to_owned();
+    bench.put("model.ply", lines + "2 0 1\n");
     bench.register().fails_with(&["model.ply", "no faces", "reconstruct"]);
 }
 

@@ -53,7 +53,7 @@ pub(crate) enum Command {
 /// What `register` and `pose` have in common.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Inputs {
-    /// The model: PLY, OBJ, STL, OFF, glTF, or a MeshLab project
+    /// The model: a mesh (PLY, OBJ, STL, OFF, glTF, MeshLab project) or a point cloud (PLY, LAS, LAZ, E57)
     pub(crate) model: PathBuf,
     /// The photos: JPEG, PNG or TIFF
     #[arg(required = true, value_name = "PHOTO")]
@@ -213,7 +213,7 @@ fn positive(text: &str) -> Result<f64, String> {
 /// `texreg render`
 #[derive(Debug, clap::Args)]
 pub(crate) struct Render {
-    /// The model: PLY, OBJ, STL, OFF, glTF, or a MeshLab project
+    /// The model: a mesh (PLY, OBJ, STL, OFF, glTF, MeshLab project) or a point cloud (PLY, LAS, LAZ, E57)
     pub(crate) model: PathBuf,
     /// The cameras to see it from: a cameras.json
     #[arg(long, value_name = "FILE")]

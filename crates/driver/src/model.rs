@@ -54,6 +54,13 @@ impl<'a> Model<'a> {
         self.shifted(view, -self.mesh.origin)
     }
 
+    /// Whether the model is a scan from inside: a cloud whose bounding box holds the camera of a view of the model's frame.
+    pub(crate) fn surrounds(&self, view: &View) -> bool {
+        let (low, high) = self.mesh.bounds();
+        let eye = view.pose.center() + self.mesh.origin;
+        self.mesh.is_cloud && (0..3).all(|k| (low[k]..=high[k]).contains(&eye[k]))
+    }
+
     fn shifted(&self, view: &View, by: Vector3<f64>) -> View {
         let mut view = *view;
         view.pose.translation += view.pose.rotation * by;

@@ -137,6 +137,10 @@ impl Overview {
             counts[usize::from(bin) * colours + usize::from(colour)] += 1;
         }
         let whole = information(background + 1, &counts)?;
+        if mesh.is_cloud {
+            // A cloud ends where the scanner saw no farther: what is beside it is no background.
+            return Some(Evidence { whole, near: 0.0 });
+        }
         let covered: u32 = counts[..background * colours].iter().sum();
         if covered == 0 {
             return None;

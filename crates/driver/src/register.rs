@@ -338,7 +338,7 @@ impl<'a> Registration<'a> {
         let level = self.levels.last()?;
         let seen =
             Sampler::new(&self.model.coarse, &*self.model.signal).sample(view, level, &Sampling::surface(2_000))?;
-        Region::around(&seen.points)
+        if self.model.surrounds(view) { Region::near(view, &seen.points) } else { Region::around(&seen.points) }
     }
 
     /// A view and the best found ones, the same number from each list, that might lie in different basins.

@@ -109,7 +109,8 @@ impl<'a> Sampler<'a> {
     }
 
     fn halo(&self, view: &View, camera: &Camera, sampling: &Sampling) -> Vec<Point3<f64>> {
-        if sampling.halo == 0 || sampling.band < 1.0 {
+        // A cloud ends where the scanner saw no farther: what is beside it is no background.
+        if sampling.halo == 0 || sampling.band < 1.0 || self.mesh.is_cloud {
             return Vec::new();
         }
         let width = self.picture.width as usize;

@@ -89,6 +89,7 @@ impl Search {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Region {
     centre: Point3<f64>,
+    /// The unit of shifts.
     diagonal: f64,
 }
 
@@ -98,6 +99,15 @@ impl Region {
         let first = *points.first()?;
         let (low, high) = points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
         Some(Self { centre: nalgebra::center(&low, &high), diagonal: (high - low).norm() })
+    }
+
+    /// A surrounding that was scanned from inside: views turn about the camera, and shifts are measured by the distance of
+    /// what is near (a tenth of the points is nearer).
+    pub(crate) fn near(view: &View, points: &[Point3<f64>]) -> Option<Self> {
+        let centre = view.pose.center();
+        let mut distances: Vec<f64> = points.iter().map(|p| (p - centre).norm()).collect();
+        distances.sort_by(f64::total_cmp);
+        Some(Self { centre, diagonal: *distances.get(distances.len() / 10)? })
     }
 
     /// How far a view is from another: radians, or the shift of the centre in units of the diagonal where that is more.

@@ -14,7 +14,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The file is of no format this crate reads.
-    #[error("{}: not a PLY, OBJ, STL, OFF, glTF or MeshLab project file; convert the model to one of these", path.display())]
+    #[error("{}: not a PLY, OBJ, STL, OFF, glTF, LAS, LAZ, E57 or MeshLab project file; convert the model to one of these", path.display())]
     Format {
         /// The file.
         path: PathBuf,
@@ -70,8 +70,10 @@ impl fmt::Display for Place {
 /// Why vertices and triangles do not make a usable surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Defect {
-    /// There is nothing to see: no faces.
-    #[error("the model has no faces; reconstruct a surface from its {vertices} points first")]
+    /// There is nothing to see: no faces, nor a point cloud.
+    #[error(
+        "the model has no faces; export its {vertices} points as a cloud (PLY, LAS, E57), or reconstruct a surface"
+    )]
     NoFaces {
         /// The number of vertices there are.
         vertices: usize,

@@ -1,12 +1,16 @@
 //! Scanned surfaces: loading, validation and the per-vertex signals a photograph can be compared with.
 //!
-//! [`load`] reads PLY, OBJ, STL, OFF and glTF files and MeshLab projects into a [`Mesh`]: triangles over vertices that
-//! carry a unit normal and, where the scanner gave them, a reflectance and a colour. What comes out is safe to compute with: every coordinate is finite,
+//! [`load`] reads meshes (PLY, OBJ, STL, OFF, glTF, MeshLab projects) and point clouds (PLY, LAS, LAZ, E57) into a [`Mesh`]:
+//! triangles, or a small square for each point of a cloud, over vertices that carry a unit normal and, where the scanner
+//! gave them, a reflectance and a colour. What comes out is safe to compute with: every coordinate is finite,
 //! every index is in range, every normal has length one. What cannot be made so is an [`Error`] of one line that
 //! names the file, the place in it and the cause.
+mod cloud;
 mod curvature;
+mod e57;
 mod error;
 mod gltf;
+mod las;
 mod load;
 mod mesh;
 mod mlp;
@@ -21,6 +25,7 @@ mod simplify;
 mod stl;
 mod weld;
 
+pub use cloud::Scanner;
 pub use error::{Defect, Error, Place};
 pub use load::load;
 pub use mesh::{Attributes, Mesh};

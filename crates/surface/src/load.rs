@@ -1,17 +1,21 @@
 //! Loading a model: the format is told by the first bytes and by the file's name.
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use crate::error::Error;
 use crate::mesh::Mesh;
-use crate::{gltf, mlp, obj, off, ply, stl};
+use crate::{e57, gltf, las, mlp, obj, off, ply, stl};
 
-/// Loads a model from a PLY, OBJ, STL, OFF or glTF file, or all meshes of a MeshLab project.
+/// Loads a model from a PLY, OBJ, STL, OFF, glTF, LAS, LAZ or E57 file, or all meshes of a MeshLab project.
 ///
 /// - PLY: ASCII and binary of both byte orders. Vertices have `x y z`, optionally normals `nx ny nz`, colours
 ///   `red green blue` and a reflectance, the first of `reflectance`, `intensity`, `scalar_Intensity` and `quality`.
 ///   Faces are polygons of any length and become fans of triangles; other elements and properties are skipped.
+///   A file without faces is a point cloud.
+/// - LAS and LAZ: a point cloud with intensities and colours; points marked as withheld are left out.
+/// - E57: the valid points of all scans as one cloud in the frame of the file, with intensities and colours.
 /// - OBJ: positions, normals, vertex colours and polygons of all objects of the file together.
 /// - STL and OFF: positions and faces.
 /// - glTF (`.gltf`, `.glb`): the triangles of all meshes in its scene where its nodes put them, with normals and colours.
@@ -19,7 +23,8 @@ use crate::{gltf, mlp, obj, off, ply, stl};
 ///
 /// Several meshes are one model, which has an attribute if all of them do. Units and axes are left as they are.
 ///
-/// Normals that are absent or invalid are computed from the triangles around the vertex, weighted by area.
+/// Normals that are absent or invalid are computed from the triangles around the vertex, weighted by area, or from the
+/// points around a point; see [`Mesh::from_points`] for what becomes of a cloud.
 ///
 /// # Errors
 /// One line that names the file, the line or byte, the cause and, where it helps, what to do.
@@ -38,6 +43,16 @@ pub fn load(path: impl AsRef<Path>) -> Result<Mesh, Error> {
             ply::Source::Bytes(&magic)
         };
         ply::read(&source, path)
+    } else if las::is_las(&magic) || e57::is_e57(&magic) {
+        file.rewind().map_err(io)?;
+        let damaged = |cause| Error::Damaged { path: path.to_owned(), cause };
+        let defective = |defect| Error::Defect { path: path.to_owned(), place: None, defect };
+        // These decoders are others', and panic on some damaged files.
+        let decode = || match las::is_las(&magic) {
+            true => las::read(file, damaged, defective),
+            false => e57::read(file, damaged, defective),
+        };
+        catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err(damaged("its decoder gave it up".into())))
     } else {
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let mut whole = |mut bytes: Vec<u8>| file.read_to_end(&mut bytes).map(|_| bytes).map_err(io);

@@ -37,6 +37,9 @@ pub struct Mesh {
     pub(crate) ambient_occlusion: OnceLock<Vec<f32>>,
     /// See [`mean_curvature`](Self::mean_curvature), likewise.
     pub(crate) mean_curvature: OnceLock<Vec<f32>>,
+    /// Whether the model is a point cloud: triangles 2i and 2i + 1 over the vertices 4i to 4i + 3 are a square around
+    /// point i (see [`Mesh::from_points`]).
+    pub is_cloud: bool,
 }
 
 /// What a vertex may carry besides its position; see the fields of [`Mesh`].
@@ -54,6 +57,21 @@ pub struct Attributes {
     pub ambient_occlusion: Option<Vec<f32>>,
     /// [`Mesh::mean_curvature`], likewise.
     pub mean_curvature: Option<Vec<f32>>,
+}
+
+impl Attributes {
+    /// Makes sure that there is one value of each attribute a vertex.
+    pub(crate) fn check(&self, vertices: usize) -> Result<(), Defect> {
+        let expect = |attribute, values: Option<usize>| match values {
+            Some(values) if values != vertices => Err(Defect::AttributeLength { attribute, values, vertices }),
+            _ => Ok(()),
+        };
+        expect("normals", self.normals.as_ref().map(Vec::len))?;
+        expect("reflectances", self.reflectance.as_ref().map(Vec::len))?;
+        expect("ambient occlusions", self.ambient_occlusion.as_ref().map(Vec::len))?;
+        expect("mean curvatures", self.mean_curvature.as_ref().map(Vec::len))?;
+        expect("colours", self.colours.as_ref().map(Vec::len))
+    }
 }
 
 impl Mesh {
@@ -74,18 +92,10 @@ impl Mesh {
             let index = triangles[face].into_iter().max().map_or(0, i64::from);
             return Err(Defect::IndexOutOfRange { face, index, vertices });
         }
-        let expect = |attribute, values: Option<usize>| match values {
-            Some(values) if values != vertices => Err(Defect::AttributeLength { attribute, values, vertices }),
-            _ => Ok(()),
-        };
+        attributes.check(vertices)?;
         if let Some(values) = attributes.uvs.as_ref().map(Vec::len).filter(|values| *values != triangles.len()) {
             return Err(Defect::UvLength { values, triangles: triangles.len() });
         }
-        expect("normals", attributes.normals.as_ref().map(Vec::len))?;
-        expect("reflectances", attributes.reflectance.as_ref().map(Vec::len))?;
-        expect("ambient occlusions", attributes.ambient_occlusion.as_ref().map(Vec::len))?;
-        expect("mean curvatures", attributes.mean_curvature.as_ref().map(Vec::len))?;
-        expect("colours", attributes.colours.as_ref().map(Vec::len))?;
         let (origin, positions) = localize(points)?;
         Ok(Mesh::assemble(origin, positions, triangles, attributes))
     }
@@ -113,6 +123,7 @@ impl Mesh {
             uvs: uvs.filter(|uvs| uvs.as_flattened().as_flattened().iter().all(|x| x.is_finite())),
             ambient_occlusion: known(ambient_occlusion),
             mean_curvature: known(mean_curvature),
+            is_cloud: false,
         }
     }
 

@@ -11,6 +11,7 @@ mod write;
 
 use std::path::Path;
 
+use crate::cloud::Scanner;
 use crate::error::{Defect, Error, Place};
 use crate::mesh::{Attributes, Mesh};
 use header::{Element, Encoding, Header, Kind, Scalar};
@@ -116,28 +117,28 @@ fn read_mesh(source: &Source) -> Result<Mesh, Fault> {
     let header = header::read(source)?;
     let missing = |what: &str| Fault::Syntax(header.end(), format!("the header declares no element \"{what}\""));
     let vertex = header.element("vertex").ok_or_else(|| missing("vertex"))?;
-    let vertices = vertex.count as usize;
     if vertex.count > u64::from(u32::MAX) {
         return Err(Defect::TooManyVertices { vertices: vertex.count }.into());
     }
-    let Some(face) = header.element("face").filter(|face| face.count > 0) else {
-        let strips = header.element("tristrips").is_some();
-        return Err(if strips {
-            Fault::Syntax(header.end(), "the faces are triangle strips; convert them to triangles first".into())
-        } else {
-            Defect::NoFaces { vertices }.into()
-        });
-    };
+    if header.element("tristrips").is_some() && header.element("face").is_none() {
+        return Err(Fault::Syntax(
+            header.end(),
+            "the faces are triangle strips; convert them to triangles first".into(),
+        ));
+    }
+    let face = header.element("face").filter(|face| face.count > 0);
     let roles = Roles::of(vertex, &header)?;
-    let corners = face.corners(&header)?;
+    let corners = face.map(|face| face.corners(&header)).transpose()?;
     let (vertices, triangles) = match header.encoding {
         Encoding::Ascii => records::read(&mut Words::new(source, &header)?, &header, &roles, corners)?,
         Encoding::Binary(order) => binary::read(source, order, &header, &roles, corners)?,
     };
-    if triangles.is_empty() {
-        return Err(Defect::NoFaces { vertices: vertices.positions.len() }.into());
+    let Vertices { origin, positions, attributes } = vertices;
+    match face {
+        None => Ok(Mesh::from_local_points(origin, &positions, attributes, Scanner::Unknown)?),
+        Some(_) if triangles.is_empty() => Err(Defect::NoFaces { vertices: positions.len() }.into()),
+        Some(_) => Ok(Mesh::assemble(origin, positions, triangles, attributes)),
     }
-    Ok(Mesh::assemble(vertices.origin, vertices.positions, triangles, vertices.attributes))
 }
 
 /// The advice that goes with a file that ends too early.

@@ -7,6 +7,7 @@ use std::hash::BuildHasherDefault;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
+use crate::cloud::splats;
 use crate::mesh::{Attributes, Bounds, Mesh};
 use crate::weld::KeyHasher;
 
@@ -100,7 +101,7 @@ impl Mesh {
             .collect();
         triangles.par_sort_unstable();
         triangles.dedup();
-        if triangles.is_empty() {
+        if triangles.is_empty() && !self.is_cloud {
             return None;
         }
         let average = |values: &Vec<f32>| average(values, &cluster_of, clusters.len());
@@ -112,7 +113,10 @@ impl Mesh {
             mean_curvature: self.mean_curvature.get().map(average),
             uvs: None,
         };
-        let positions = clusters.iter().map(|c| c.position(side)).collect();
+        let positions: Vec<[f32; 3]> = clusters.iter().map(|c| c.position(side)).collect();
+        if self.is_cloud {
+            return splats(self.origin.into(), &positions, attributes, |_| [0.0; 3]).ok();
+        }
         Some(Mesh::assemble(self.origin.into(), positions, triangles, attributes))
     }
 }

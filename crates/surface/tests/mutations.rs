@@ -1,5 +1,10 @@
 //! Whatever is done to the bytes of a model, loading it gives a valid mesh or an error of one line, never a panic.
+mod scans;
+
+use std::sync::OnceLock;
+
 use proptest::prelude::*;
+use scans::{ScanPoint, e57, las};
 use texreg_surface::load;
 
 const ASCII: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty double z\n\
@@ -69,6 +74,15 @@ fn apply(bytes: &mut Vec<u8>, change: &Change) {
     }
 }
 
+/// Files of a point cloud in the formats that libraries read.
+fn clouds() -> &'static [(&'static str, Vec<u8>)] {
+    static FILES: OnceLock<Vec<(&str, Vec<u8>)>> = OnceLock::new();
+    FILES.get_or_init(|| {
+        let points: Vec<ScanPoint> = (0..40).map(|i| ScanPoint::grid(i, 8)).collect();
+        vec![("g.las", las(&points, false)), ("h.laz", las(&points, true)), ("i.e57", e57(&points, [1.0, 2.0, 3.0]))]
+    })
+}
+
 /// Loads the bytes and checks what comes of it.
 fn check(name: &str, bytes: &[u8]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -98,7 +112,7 @@ proptest! {
 
     #[test]
     fn mutated_files_never_panic(
-        kind in 0..6usize,
+        kind in 0..9usize,
         changes in proptest::collection::vec(change(), 1..6),
     ) {
         let (name, mut bytes) = match kind {
@@ -107,7 +121,8 @@ proptest! {
             2 => ("c.ply", binary("little", true)),
             3 => ("d.ply", binary("big", false)),
             4 => ("e.ply", binary("big", true)),
-            _ => ("f.obj", OBJ.as_bytes().to_vec()),
+            5 => ("f.obj", OBJ.as_bytes().to_vec()),
+            _ => clouds()[kind - 6].clone(),
         };
         changes.iter().for_each(|change| apply(&mut bytes, change));
         check(name, &bytes);

@@ -17,7 +17,7 @@ pub(super) fn read(
     order: Order,
     header: &Header,
     roles: &Roles,
-    corners: usize,
+    corners: Option<usize>,
 ) -> Result<(Vertices, Vec<[u32; 3]>), Fault> {
     let mut body = Body {
         source,

@@ -34,12 +34,13 @@ pub(super) trait Records {
     }
 }
 
-/// Reads the elements in their order until vertices and faces are there.
+/// Reads the elements in their order until vertices and faces are there, `corners` being the faces' property of vertex numbers;
+/// without it, there are no faces.
 pub(super) fn read(
     records: &mut impl Records,
     header: &Header,
     roles: &Roles,
-    corners: usize,
+    corners: Option<usize>,
 ) -> Result<(Vertices, Vec<[u32; 3]>), Fault> {
     let count = header.element("vertex").map_or(0, |vertex| vertex.count);
     let (mut vertices, mut triangles) = (None, None);
@@ -51,7 +52,10 @@ pub(super) fn read(
                     bulk => bulk,
                 };
             }
-            "face" if triangles.is_none() => {
+            "face"
+                if triangles.is_none()
+                    && let Some(corners) = corners =>
+            {
                 triangles = match records.bulk_triangles(element, corners, count)? {
                     None => Some(self::triangles(records, element, corners, count)?),
                     bulk => bulk,
@@ -60,7 +64,7 @@ pub(super) fn read(
             _ if records.bulk_skip(element)? => {}
             _ => skip(records, element)?,
         }
-        if vertices.is_some() && triangles.is_some() {
+        if vertices.is_some() && (triangles.is_some() || corners.is_none()) {
             break;
         }
     }
