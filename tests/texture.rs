@@ -30,7 +30,7 @@ fn cameras(folder: &Path, change: impl FnOnce(&mut Vec<Value>)) {
 #[test]
 fn a_photo_left_out_is_what_the_textured_model_shows() {
     let folder = tempfile::tempdir().unwrap();
-    cameras(folder.path(), |photos| photos.truncate(2));
+    cameras(folder.path(), |photos| drop(photos.remove(0)));
     let run = run_in(folder.path(), "texture @model.ply --cameras cameras.json -o out/bust.obj");
     assert_eq!((run.status, run.stderr.as_str()), (0, ""), "{run:?}");
     assert!(run.stdout.contains("see out/bust.obj") && run.stdout.contains("photo_01.jpg"), "{run:?}");
@@ -39,11 +39,11 @@ fn a_photo_left_out_is_what_the_textured_model_shows() {
     let image = image::open(folder.path().join("out/bust.png")).unwrap().to_rgb8();
     let texture = Texture { image, uvs: mesh.uvs.clone().unwrap() };
     let truth = read_truth(&fixture("truth.json")).unwrap();
-    let (drawn, shares) = draw(&mesh, &texture, &truth.photos[2].view, 2);
-    let photo = image::open(fixture("photo_02.jpg")).unwrap().to_rgb8();
+    let (drawn, shares) = draw(&mesh, &texture, &truth.photos[0].view, 2);
+    let photo = image::open(fixture("photo_00.jpg")).unwrap().to_rgb8();
     let mask: Vec<bool> = shares.iter().map(|share| *share == 1.0).collect();
     let found = agreement(&drawn, &photo, &mask).unwrap();
-    assert!(found.psnr > 27.0 && found.ssim > 0.85, "{found:?}");
+    assert!(found.psnr > 24.0 && found.ssim > 0.93, "{found:?}");
 }
 
 #[test]

@@ -119,7 +119,7 @@ fn a_known_texture_comes_back() {
 fn own_texture_coordinates_are_kept() {
     let mesh = ball(60, true);
     let psnr = check(&mesh, &Options::default(), &[1.0]);
-    assert!(psnr > 36.0, "{psnr:.2} dB");
+    assert!(psnr > 33.0, "{psnr:.2} dB");
     let views = around(&mesh, 4);
     let load = |i: usize| Ok::<_, Error>(shoot(&mesh, &views[i], 1.0));
     let textured = texture(&mesh, &sources(&views), load, &Options { size: Some(256), ..Options::default() }).unwrap();
