@@ -134,3 +134,21 @@ fn normal(random: &mut StdRng) -> Vector6<f64> {
         (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use texreg_camera::Camera;
+
+    #[test]
+    fn a_view_is_as_far_as_the_step_that_leads_to_it() {
+        let region = Region::around(&[Point3::new(1.0, 2.0, 0.5), Point3::new(3.0, -1.0, 2.0)]).unwrap();
+        let pose = Pose::new(so3::exp(&Vector3::new(0.3, -0.2, 0.9)), Vector3::new(0.2, -0.4, 9.0));
+        let start = View { camera: Camera::ideal(640, 480, 500.0), pose };
+        for (turn, shift) in [(0.2, 0.05), (0.01, 0.3), (0.0, 0.0)] {
+            let (turn_by, shift_by) = (Vector3::new(0.6, 0.0, -0.8) * turn, Vector3::new(0.0, 0.6, 0.8) * shift);
+            let step = Vector6::from_iterator(turn_by.iter().chain(shift_by.iter()).copied());
+            assert!((region.step(&start, &region.moved(&start, &step)) - turn.max(shift)).abs() < 1e-9);
+        }
+    }
+}
