@@ -9,11 +9,13 @@ mod load;
 mod pnp;
 mod raster;
 mod register;
+mod signals;
 mod studio;
 mod texture;
 
 use serde::Serialize;
 use std::path::PathBuf;
+use texreg::surface::SignalName;
 
 /// The arguments of a benchmark.
 #[derive(clap::Args)]
@@ -33,6 +35,9 @@ pub(crate) struct Arguments {
     /// Only the starts whose kind begins with this (accuracy).
     #[arg(long, value_name = "KIND")]
     pub(crate) only: Option<String>,
+    /// What accuracy registers by, several for their joint signal; the program's own choice without it.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub(crate) signal: Vec<SignalName>,
     /// The folder with the installed peers.
     #[arg(long, value_name = "DIR")]
     pub(crate) peers: Option<PathBuf>,
@@ -50,6 +55,7 @@ enum Name {
     Pnp,
     Raster,
     Register,
+    Signals,
     Studio,
     Texture,
 }
@@ -66,6 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,
         Name::Register => register::run(arguments)?,
+        Name::Signals => signals::run(arguments)?,
         Name::Studio => studio::run(arguments)?,
         Name::Texture => texture::run(arguments)?,
     };

@@ -133,7 +133,7 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
     let starts =
         if starts.exists() { serde_json::from_slice::<Starts>(&std::fs::read(&starts)?)?.starts } else { Vec::new() };
     let mut runs = Vec::new();
-    let model = Model::new(&mesh, &[])?;
+    let model = Model::new(&mesh, &arguments.signal)?;
     let options = Options::default();
     let focal = Options { refine: Refine { focal: true, ..Refine::default() }, ..Options::default() };
     let all = Options { refine: Refine { focal: true, principal: true, distortion: true }, ..Options::default() };
