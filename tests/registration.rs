@@ -151,6 +151,47 @@ fn renderings_show_the_model_where_the_camera_sees_it() {
 }
 
 #[test]
+fn signals_are_stored_and_read_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = run_fixture(folder.path(), "signals @model.ply -o stored.ply --json");
+    assert_eq!((run.status, run.stderr.as_str()), (0, ""), "{run:?}");
+    let object: Value = serde_json::from_str(&run.stdout).unwrap();
+    let occlusion = &object["properties"][0];
+    assert_eq!((&object["file"], &occlusion["property"]), (&"stored.ply".into(), &"ambient_occlusion".into()));
+    assert!(number(occlusion, "greatest") <= 1.0 && number(occlusion, "least") < 0.5, "{occlusion}");
+    // The stored model is drawn as the one that it was made from.
+    let names = ["ambient-occlusion", "curvature", "reflectance", "normals"];
+    for (model, out) in [("@model.ply", "computed"), ("stored.ply", "stored")] {
+        let command = format!("render {model} --cameras @truth.json --signal {} -o {out}", names.join(","));
+        let run = run_fixture(folder.path(), &command);
+        assert_eq!((run.status, run.stdout.lines().count()), (0, 12), "{run:?}");
+    }
+    for name in names {
+        let [computed, stored] = ["computed", "stored"].map(|out| {
+            image::open(folder.path().join(out).join(format!("photo_01.jpg.{name}.png"))).unwrap().to_rgb8()
+        });
+        assert!(computed == stored, "{name}");
+        assert!(computed.pixels().any(|pixel| pixel.0[0] > 200), "{name}");
+    }
+    let run = run_fixture(folder.path(), "signals @model.ply -o stored.obj");
+    assert_eq!(run.status, 1);
+    assert!(run.stderr.contains("stored.obj: signals are stored in a PLY file"), "{run:?}");
+}
+
+#[test]
+fn a_photo_is_registered_by_a_product_of_signals() {
+    let folder = tempfile::tempdir().unwrap();
+    let command = "register @model.ply @photo_00.jpg --init @initial.json --camera @truth.json \
+                   --signal normals,ambient-occlusion -o out --json";
+    let run = run_fixture(folder.path(), command);
+    assert_eq!(run.status, 0, "{run:?}");
+    let object: Value = serde_json::from_str(&run.stdout).unwrap();
+    assert_eq!(object["options"]["signal"], "normals,ambient-occlusion");
+    let (rows, _) = scores(&fixture(""), folder.path(), "out/cameras.json");
+    assert!(number(&rows[0], "mean_px") < 1.0, "{}", rows[0]);
+}
+
+#[test]
 fn scores_are_those_of_the_published_formulas() {
     // Worked by hand: the camera turned by 90° about its axis, moved by 3 of a diagonal of 10, with twice the focal length.
     let folder = tempfile::tempdir().unwrap();

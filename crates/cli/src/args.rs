@@ -40,6 +40,8 @@ pub(crate) enum Command {
     Calibrate(Calibrate),
     /// Draw what the metric sees of the model, as PNG
     Render(Render),
+    /// Compute what a model can be compared by besides what was measured, and store it with the model
+    Signals(Signals),
     /// Lay the photos onto the model: a textured GLB or OBJ, or a PLY with coloured vertices
     Texture(Texture),
     /// Score cameras against the true ones
@@ -360,6 +362,16 @@ impl From<Unseen> for texture::Unseen {
             Unseen::Mark => Self::Mark,
         }
     }
+}
+
+/// `texreg signals`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Signals {
+    /// The model: a triangle mesh in a PLY or OBJ file
+    pub(crate) model: PathBuf,
+    /// The PLY file to write: the model with ambient_occlusion and mean_curvature at each vertex
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
 }
 
 /// `texreg evaluate`

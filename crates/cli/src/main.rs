@@ -15,6 +15,7 @@ mod pose;
 mod register;
 mod render;
 mod report;
+mod signals;
 mod studio;
 mod texture;
 
@@ -51,6 +52,7 @@ fn run(args: &Args) -> anyhow::Result<Ending> {
         Command::Register(register) => register::run(register, args.json),
         Command::Pose(pose) => pose::run(pose, args.json),
         Command::Render(render) => render::run(render, args.json),
+        Command::Signals(signals) => signals::run(signals, args.json),
         Command::Texture(texture) => texture::run(texture, args.json),
         Command::Calibrate(calibrate) => calibrate::run(calibrate, args.json),
         Command::Evaluate(evaluate) => evaluate::run(evaluate, args.json),

@@ -11,7 +11,8 @@ use crate::{e57, gltf, las, mlp, obj, off, ply, stl};
 /// Loads a model from a PLY, OBJ, STL, OFF, glTF, LAS, LAZ or E57 file, or all meshes of a MeshLab project.
 ///
 /// - PLY: ASCII and binary of both byte orders. Vertices have `x y z`, optionally normals `nx ny nz`, colours
-///   `red green blue` and a reflectance, the first of `reflectance`, `intensity`, `scalar_Intensity` and `quality`.
+///   `red green blue`, a reflectance, the first of `reflectance`, `intensity`, `scalar_Intensity` and `quality`, and
+///   `ambient_occlusion` and `mean_curvature` as [`Mesh::write_ply`] writes them.
 ///   Faces are polygons of any length and become fans of triangles; other elements and properties are skipped.
 ///   A file without faces is a point cloud.
 /// - LAS and LAZ: a point cloud with intensities and colours; points marked as withheld are left out.

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use shapes::{graph, mesh, sphere};
 use texreg_surface::{
     Attributes, Colours, Components, Frame, Headlight, Mesh, Normals, Ranked, Signal, SignalName, Specular, Surfel,
-    Viewpoint, joint_signal,
+    Viewpoint, joint_signal, load,
 };
 
 /// A viewpoint turned somehow, `distance` before the mesh's origin.
@@ -211,6 +211,27 @@ fn what_was_computed_comes_along_to_the_coarse_copy() {
     // It is what it was made from, not what the coarse shape would have.
     let mean = |values: &[f32]| values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64;
     assert!((mean(coarse.ambient_occlusion()) - mean(&sky)).abs() < 0.02);
+}
+
+#[test]
+fn a_written_mesh_is_read_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.ply");
+    let save = |mesh: &Mesh| {
+        let mut bytes = Vec::new();
+        mesh.write_ply(&mut bytes).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        load(&path).unwrap()
+    };
+    // With all attributes near the world's zero, and at survey coordinates with a millimetre's detail.
+    let ball = painted_ball(3);
+    assert_eq!(save(&ball), ball);
+    let _computed = (ball.ambient_occlusion(), ball.mean_curvature());
+    assert_ne!(painted_ball(3), ball, "what was computed is part of the mesh");
+    assert_eq!(save(&ball), ball);
+    let far = sphere(3, 2.0, [4.5e6, 5.1e5, 120.001]);
+    assert_ne!(far.origin, Vector3::zeros());
+    assert_eq!(save(&far), far);
 }
 
 proptest! {

@@ -7,7 +7,7 @@
 
 use super::{Arguments, Report, Row};
 use anyhow::{Context, Result, bail, ensure};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector2};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -119,7 +119,7 @@ fn measure(
         rows.push(Row::alone(name("whole boards missed"), missed as f64, ""));
         rows.push(Row::alone(name("detection, a photo"), ours / count, "ms"));
         rows.push(Row::alone(name("rms, 5 coefficients"), own.rms, "px"));
-        return truths(set, folder, &corners, size, rows);
+        return truths(set, folder, &photos, &corners, None, rows);
     };
     let seen = peer.ask("corners")?;
     let boards: Vec<Vec<BoardCorner>> = list(&seen["boards"]).iter().filter_map(|b| board(b, &set.board)).collect();
@@ -154,7 +154,7 @@ fn measure(
     let peer = |i: usize| (values[i], deviations[i]);
     rows.push(Row::alone(name("off OpenCV, its corners"), off(&same, peer), "σ").goal(1.0));
     rows.push(Row::alone(name("off OpenCV, own corners"), off(&own, peer), "σ").goal(1.0));
-    truths(set, folder, &corners, size, rows)
+    truths(set, folder, &photos, &corners, Some(&boards), rows)
 }
 
 /// The corners in a photo.
@@ -174,8 +174,16 @@ fn off(calibration: &Calibration, other: impl Fn(usize) -> (f64, f64)) -> f64 {
     distances.fold(0.0, f64::max)
 }
 
-/// What can be said against published cameras and true ones.
-fn truths(set: &Set, folder: &Path, corners: &[Vec<BoardCorner>], size: [u32; 2], rows: &mut Vec<Row>) -> Result<()> {
+/// What can be said against published cameras and true ones; `boards` are OpenCV's corners.
+fn truths(
+    set: &Set,
+    folder: &Path,
+    photos: &[Photo],
+    corners: &[Vec<BoardCorner>],
+    boards: Option<&[Vec<BoardCorner>]>,
+    rows: &mut Vec<Row>,
+) -> Result<()> {
+    let size = [photos[0].width, photos[0].height];
     let name = |what: &str| format!("{}: {what}", set.name);
     let published = folder.join("Calib_Results.m");
     if published.is_file() {
@@ -194,6 +202,15 @@ fn truths(set: &Set, folder: &Path, corners: &[Vec<BoardCorner>], size: [u32; 2]
         let found = calibrate(corners, &set.board, size, &options)?;
         // Bouguet's uncertainties are three standard deviations.
         let bouguet = |i: usize| (values[i], uncertainties[i] / 3.0);
+        let his_corners = published_corners(folder, photos, &set.board)?;
+        let his = calibrate(&his_corners, &set.board, size, &options)?;
+        rows.push(Row::alone(name("off Bouguet, his corners"), off(&his, bouguet), "σ").goal(1.0));
+        rows.push(Row::beside(name("rms, own corners"), found.rms, his.rms, "Bouguet's corners", "px").goal(1.0));
+        if corners.len() == photos.len() {
+            let (ours, theirs) = (edges_astray(photos, corners), edges_astray(photos, &his_corners));
+            let name = name("edges off the lines between corners, rms");
+            rows.push(Row::beside(name, ours, theirs, "Bouguet's corners", "px").goal(1.0));
+        }
         rows.push(Row::alone(name("off Bouguet, own corners"), off(&found, bouguet), "σ").goal(1.0));
         let (mut worst, mut parameter) = (0.0, 0);
         for i in 0..8 {
@@ -228,9 +245,93 @@ fn truths(set: &Set, folder: &Path, corners: &[Vec<BoardCorner>], size: [u32; 2]
         rows.push(Row::alone(name("principal point off the truth"), principal, "px").goal(1.0));
         let lens = Camera { intrinsics: true_k, ..found.camera };
         rows.push(Row::alone(name("distortion off the truth, at most"), farthest(&truth, &lens), "px").goal(0.3));
-        rows.push(Row::alone(name("corners off the truth, rms"), astray(&json, &truth, corners, &set.board)?, "px"));
+        let astray = |corners| astray(&json, &truth, corners, &set.board);
+        let name = name("corners off the truth, rms");
+        rows.push(match boards {
+            Some(boards) => Row::beside(name, astray(corners)?, astray(boards)?, "OpenCV", "px").goal(1.0),
+            None => Row::alone(name, astray(corners)?, "px"),
+        });
     }
     Ok(())
+}
+
+/// How far the edges of the squares lie from the lines between neighbouring corners: what tells good corners without a truth. An
+/// edge is where the brightness halves between the two corners; where light squares look wide it is off to one side, and the next
+/// edge of the same line to the other, so the mean of two counts. The root mean square, in pixels.
+fn edges_astray(photos: &[Photo], boards: &[Vec<BoardCorner>]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (photo, corners) in photos.iter().zip(boards) {
+        let at = |column, row| corners.iter().find(|c| (c.column, c.row) == (column, row)).map(|c| c.pixel);
+        for corner in corners {
+            for (dx, dy) in [(1, 0), (0, 1)] {
+                let next = |k: usize| at(corner.column + k * dx, corner.row + k * dy);
+                let (Some(b), Some(c)) = (next(1), next(2)) else { continue };
+                if let (Some(one), Some(other)) = (edge(photo, &corner.pixel, &b), edge(photo, &b, &c)) {
+                    sum += (0.5 * (one + other)).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+    }
+    f64::sqrt(sum / count)
+}
+
+/// How far to the left of the line from `a` to `b` the edge lies there, from a profile over the middle third of it.
+fn edge(photo: &Photo, a: &Point2<f64>, b: &Point2<f64>) -> Option<f64> {
+    const REACH: f64 = 4.0;
+    const STEPS: usize = 32;
+    let along = b - a;
+    if along.norm() < 4.0 * REACH {
+        return None;
+    }
+    let normal = Vector2::new(-along.y, along.x).normalize();
+    let value = |p: Point2<f64>| -> Option<f64> {
+        let (x, y) = (p.x.floor(), p.y.floor());
+        let (width, inside) = (photo.width as usize, x >= 0.0 && y >= 0.0);
+        let (column, row) = (x as usize, y as usize);
+        if !inside || column + 1 >= width || row + 1 >= photo.height as usize {
+            return None;
+        }
+        let at = |dx: usize, dy: usize| f64::from(photo.luma[(row + dy) * width + column + dx]);
+        let (u, v) = (p.x - x, p.y - y);
+        Some((1.0 - v) * ((1.0 - u) * at(0, 0) + u * at(1, 0)) + v * ((1.0 - u) * at(0, 1) + u * at(1, 1)))
+    };
+    let offset = |i: usize| REACH * (2.0 * i as f64 / STEPS as f64 - 1.0);
+    let mean = |i: usize| -> Option<f64> {
+        let places = (0..7).map(|k| a + along * (0.35 + 0.05 * f64::from(k)) + normal * offset(i));
+        places.map(value).sum::<Option<f64>>().map(|sum| sum / 7.0)
+    };
+    let profile: Vec<f64> = (0..=STEPS).map(mean).collect::<Option<_>>()?;
+    let end = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    let (low, high) = (end(&profile[..5]), end(&profile[STEPS - 4..]));
+    if (high - low).abs() < 0.15 {
+        return None;
+    }
+    let share = |i: usize| (profile[i] - low) / (high - low) - 0.5;
+    let crossings = (0..STEPS).filter(|&i| share(i) < 0.0 && share(i + 1) >= 0.0);
+    let places = crossings.map(|i| offset(i) + (offset(i + 1) - offset(i)) * share(i) / (share(i) - share(i + 1)));
+    places.min_by(|a, b| a.abs().total_cmp(&b.abs()))
+}
+
+/// The corners that Bouguet's toolbox extracted, from `correspondences.json`: of each photo points of the board, in multiples
+/// of its squares, and pixels.
+fn published_corners(folder: &Path, photos: &[Photo], board: &Board) -> Result<Vec<Vec<BoardCorner>>> {
+    let json: Value = serde_json::from_slice(&std::fs::read(folder.join("correspondences.json"))?)?;
+    let points = |view: &Value, key: &str| list(&view[key]).iter().map(list).map(<[Value]>::to_vec).collect::<Vec<_>>();
+    let views = photos.iter().map(|photo| {
+        let view = list(&json["views"]).iter().find(|view| view["image"] == *photo.file);
+        let view = view.with_context(|| format!("no corners of {}", photo.file))?;
+        let (places, pixels) = (points(view, "points_3d_mm"), points(view, "points_2d"));
+        ensure!(places.len() == board.corners() && pixels.len() == places.len(), "a view lacks corners");
+        let step = places.iter().flatten().map(number).filter(|x| *x > 0.0).fold(f64::INFINITY, f64::min);
+        let corner = |(place, pixel): (&Vec<Value>, &Vec<Value>)| BoardCorner {
+            column: (number(&place[0]) / step).round() as usize,
+            row: (number(&place[1]) / step).round() as usize,
+            pixel: Point2::new(number(&pixel[0]), number(&pixel[1])),
+        };
+        Ok(places.iter().zip(&pixels).map(corner).collect())
+    });
+    views.collect()
 }
 
 /// The largest distance, over the image, at which two cameras show what one of them sees in a pixel.

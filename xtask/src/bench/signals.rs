@@ -107,11 +107,10 @@ fn bins(mesh: &Mesh, rows: &mut Vec<Row>) -> Result<()> {
     let viewpoint = Viewpoint::new(&nalgebra::Matrix3::identity(), &Vector3::new(0.0, 0.0, 3.0 * mesh.diagonal()));
     let step = (mesh.triangles.len() / SAMPLES).max(1);
     let chosen: Vec<[u32; 3]> = mesh.triangles.iter().step_by(step).cycle().take(SAMPLES).copied().collect();
-    let names: Vec<&[SignalName]> = SignalName::ALL.iter().filter(|name| name.is_in(mesh)).map(std::slice::from_ref).collect();
-    let joint: [&[SignalName]; 2] = [
-        &[SignalName::Reflectance, SignalName::Normals],
-        &[SignalName::Normals, SignalName::AmbientOcclusion],
-    ];
+    let names: Vec<&[SignalName]> =
+        SignalName::ALL.iter().filter(|name| name.is_in(mesh)).map(std::slice::from_ref).collect();
+    let joint: [&[SignalName]; 2] =
+        [&[SignalName::Reflectance, SignalName::Normals], &[SignalName::Normals, SignalName::AmbientOcclusion]];
     for names in names.into_iter().chain(joint) {
         let signal = joint_signal(mesh, names).context("the fixture's bust lacks a signal")?;
         let pass = || {
