@@ -205,7 +205,7 @@ fn truths(
         let his_corners = published_corners(folder, photos, &set.board)?;
         let his = calibrate(&his_corners, &set.board, size, &options)?;
         rows.push(Row::alone(name("off Bouguet, his corners"), off(&his, bouguet), "σ").goal(1.0));
-        rows.push(Row::beside(name("rms, own corners"), found.rms, his.rms, "Bouguet's corners", "px").goal(1.0));
+        rows.push(Row::beside(name("rms, 4 coefficients"), found.rms, his.rms, "Bouguet's corners", "px").goal(1.0));
         if corners.len() == photos.len() {
             let (ours, theirs) = (edges_astray(photos, corners), edges_astray(photos, &his_corners));
             let name = name("edges off the lines between corners, rms");
@@ -245,7 +245,7 @@ fn truths(
         rows.push(Row::alone(name("principal point off the truth"), principal, "px").goal(1.0));
         let lens = Camera { intrinsics: true_k, ..found.camera };
         rows.push(Row::alone(name("distortion off the truth, at most"), farthest(&truth, &lens), "px").goal(0.3));
-        let astray = |corners| astray(&json, &truth, corners, &set.board);
+        let astray = |corners| astray(&json, &truth, corners);
         let name = name("corners off the truth, rms");
         rows.push(match boards {
             Some(boards) => Row::beside(name, astray(corners)?, astray(boards)?, "OpenCV", "px").goal(1.0),
@@ -347,24 +347,30 @@ fn farthest(truth: &Camera, found: &Camera) -> f64 {
     distances.fold(0.0, f64::max)
 }
 
-/// The root mean square of the corners' distances from where the true camera shows them; all photos must show the board.
-fn astray(json: &Value, truth: &Camera, corners: &[Vec<BoardCorner>], board: &Board) -> Result<f64> {
-    let photos = list(&json["photos"]);
-    ensure!(photos.len() == corners.len(), "some photo shows no board");
-    let (mut sum, mut count) = (0.0, 0.0);
-    for (photo, corners) in photos.iter().zip(corners) {
-        let points = list(&photo["visible_points"]);
-        for corner in corners {
-            let point = &points[corner.row * board.columns + corner.column];
+/// The root mean square of the corners' distances from the nearest places where the true camera shows any; each board is
+/// compared with the photo that it fits best.
+fn astray(json: &Value, truth: &Camera, boards: &[Vec<BoardCorner>]) -> Result<f64> {
+    let shown = |photo: &Value| -> Result<Vec<Point2<f64>>> {
+        let place = |point: &Value| {
             let row = |i: usize| {
                 (0..3).map(|j| number(&photo["R"][i][j]) * number(&point[j])).sum::<f64>() + number(&photo["T"][i])
             };
-            let shown = truth.project(&Point3::new(row(0), row(1), row(2))).context("a corner behind the camera")?;
-            sum += (shown - corner.pixel).norm_squared();
-            count += 1.0;
-        }
-    }
-    Ok(f64::sqrt(sum / count))
+            truth.project(&Point3::new(row(0), row(1), row(2))).context("a corner behind the camera")
+        };
+        list(&photo["visible_points"]).iter().map(place).collect()
+    };
+    let photos: Vec<_> = list(&json["photos"]).iter().map(shown).collect::<Result<_>>()?;
+    let nearest = |corner: &BoardCorner, places: &[Point2<f64>]| {
+        places.iter().map(|place| (place - corner.pixel).norm_squared()).fold(f64::INFINITY, f64::min)
+    };
+    let sum_over = |corners: &[BoardCorner], places: &[Point2<f64>]| -> f64 {
+        corners.iter().map(|corner| nearest(corner, places)).sum()
+    };
+    let best = |corners: &Vec<BoardCorner>| {
+        photos.iter().map(|places| sum_over(corners, places)).fold(f64::INFINITY, f64::min)
+    };
+    let count: usize = boards.iter().map(Vec::len).sum();
+    Ok((boards.iter().map(best).sum::<f64>() / count as f64).sqrt())
 }
 
 /// A peer's board, a list of [u, v] row by row.
