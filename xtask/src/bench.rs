@@ -6,6 +6,7 @@ mod calibrate;
 mod charts;
 mod joint;
 mod load;
+mod mi;
 mod pnp;
 mod raster;
 mod register;
@@ -15,6 +16,7 @@ mod texture;
 
 use serde::Serialize;
 use std::path::PathBuf;
+use texreg::driver::{ChannelName, MetricName};
 use texreg::surface::SignalName;
 
 /// The arguments of a benchmark.
@@ -38,6 +40,12 @@ pub(crate) struct Arguments {
     /// What accuracy registers by, several for their joint signal; the program's own choice without it.
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub(crate) signal: Vec<SignalName>,
+    /// The metric that `accuracy` climbs.
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub(crate) metric: MetricName,
+    /// What of the photos it compares.
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub(crate) channel: ChannelName,
     /// The folder with the installed peers.
     #[arg(long, value_name = "DIR")]
     pub(crate) peers: Option<PathBuf>,
@@ -52,6 +60,7 @@ enum Name {
     Charts,
     Joint,
     Load,
+    Mi,
     Pnp,
     Raster,
     Register,
@@ -69,6 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Charts => charts::run(arguments)?,
         Name::Joint => joint::run(arguments)?,
         Name::Load => load::run(arguments)?,
+        Name::Mi => mi::run(arguments)?,
         Name::Pnp => pnp::run(arguments)?,
         Name::Raster => raster::run(arguments)?,
         Name::Register => register::run(arguments)?,

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Parser, Subcommand, ValueEnum};
 use texreg::calib::Model;
-use texreg::driver::{MetricName, RotationName, SolverName};
+use texreg::driver::{BinsName, ChannelName, MetricName, RotationName, SolverName};
 use texreg::formats::Format;
 use texreg::surface::SignalName;
 use texreg::texture;
@@ -87,6 +87,16 @@ pub(crate) struct Register {
     /// The measure of agreement
     #[arg(long, value_name = "NAME", default_value_t, value_parser = named(MetricName::ALL))]
     pub(crate) metric: MetricName,
+    /// What of the photo is compared with the model
+    #[arg(long, value_name = "NAME", default_value_t, value_parser = named(ChannelName::ALL))]
+    pub(crate) channel: ChannelName,
+    /// Bins of the photo's values: of equal width or of equal frequency
+    #[arg(long, value_name = "NAME", default_value_t, value_parser = named(BinsName::ALL))]
+    pub(crate) bins: BinsName,
+    /// Where the photos show the object, white on black, for the metrics that compare silhouettes: an image, or a folder with one
+    /// a photo, of the photo's name and as PNG [default: guessed from the colours of the photo's border]
+    #[arg(long, value_name = "PATH")]
+    pub(crate) mask: Option<PathBuf>,
     /// What the model predicts, several for their joint signal [default: reflectance, if the model has it, and normals]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
     pub(crate) signal: Vec<SignalName>,
@@ -112,7 +122,7 @@ pub(crate) struct Register {
 
 impl Register {
     /// Every option that shapes the result, and its value.
-    pub(crate) fn options(&self) -> [(&'static str, String); 7] {
+    pub(crate) fn options(&self) -> [(&'static str, String); 9] {
         let list = |names: Vec<String>, none: &str| if names.is_empty() { none.to_owned() } else { names.join(",") };
         let photos = match (self.share_intrinsics, self.joint) {
             (true, _) => "joint, one camera",
@@ -122,6 +132,8 @@ impl Register {
         let parts = self.refine.iter().filter_map(|part| Some(part.to_possible_value()?.get_name().to_owned()));
         [
             ("metric", self.metric.to_string()),
+            ("channel", self.channel.to_string()),
+            ("bins", self.bins.to_string()),
             ("signal", list(self.signal.iter().map(ToString::to_string).collect(), "auto")),
             ("solver", self.solver.to_string()),
             ("rotation", self.rotation.to_string()),

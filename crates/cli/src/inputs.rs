@@ -185,6 +185,16 @@ pub(crate) fn photo(path: &Path) -> anyhow::Result<Photo> {
     })
 }
 
+/// Gives a photo its mask: the image at `path`, or the one in that folder with the photo's name and as PNG.
+pub(crate) fn masked(photo: Photo, path: Option<&Path>) -> anyhow::Result<Photo> {
+    let Some(path) = path else { return Ok(photo) };
+    let path = if path.is_dir() { path.join(&photo.file).with_extension("png") } else { path.to_owned() };
+    photo.with_mask(&path).map_err(|error| match error {
+        PhotoError::Io { source, .. } => anyhow!("{}: {}; check the path of the mask", path.display(), cause(&source)),
+        _ => anyhow!(error),
+    })
+}
+
 /// The file name of a photo: what entries call it.
 pub(crate) fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()

@@ -15,7 +15,7 @@ use texreg::surface::Mesh;
 
 use crate::Ending;
 use crate::args::{Part, Register};
-use crate::inputs::{Inputs, model, name, photo};
+use crate::inputs::{Inputs, masked, model, name, photo};
 use crate::output::{Output, jpeg, overlay_name, print, table};
 use crate::report;
 
@@ -73,6 +73,8 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     let refines = |part| args.refine.contains(&part);
     let options = Options {
         metric: args.metric,
+        channel: args.channel,
+        bins: args.bins,
         rotation: args.rotation,
         solver: args.solver,
         refine: Refine {
@@ -86,9 +88,10 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     let ready = Model::new(&mesh, &args.signal).map_err(|error| anyhow!("{}: {error}", args.inputs.model.display()))?;
     let bar = progress(inputs.photos.len());
     let photos = if args.joint || args.share_intrinsics {
-        jointly(&mesh, &ready, &inputs, &options, &bar)?
+        jointly(args.mask.as_deref(), &mesh, &ready, &inputs, &options, &bar)?
     } else {
-        let photos = inputs.photos.iter().map(|path| one(path, &mesh, &ready, &inputs, &options, &bar));
+        let mask = args.mask.as_deref();
+        let photos = inputs.photos.iter().map(|path| one(path, mask, &mesh, &ready, &inputs, &options, &bar));
         photos.collect::<anyhow::Result<_>>()?
     };
     bar.finish_and_clear();
@@ -112,13 +115,14 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
 
 fn one(
     path: &Path,
+    mask: Option<&Path>,
     mesh: &Mesh,
     model: &Model,
     inputs: &Inputs,
     options: &Options,
     bar: &ProgressBar,
 ) -> anyhow::Result<Registered> {
-    let photo = photo(path)?;
+    let photo = masked(photo(path)?, mask)?;
     let start = inputs.start(&photo)?;
     bar.set_message(photo.file.clone());
     let before = bar.position();
@@ -141,13 +145,15 @@ fn one(
 
 /// Registers all photos jointly.
 fn jointly(
+    mask: Option<&Path>,
     mesh: &Mesh,
     model: &Model,
     inputs: &Inputs,
     options: &Options,
     bar: &ProgressBar,
 ) -> anyhow::Result<Vec<Registered>> {
-    let photos: Vec<Photo> = inputs.photos.iter().map(|path| photo(path)).collect::<anyhow::Result<_>>()?;
+    let photos: Vec<Photo> =
+        inputs.photos.iter().map(|path| masked(photo(path)?, mask)).collect::<anyhow::Result<_>>()?;
     let start = |photo: &Photo| match inputs.start(photo)? {
         Some(start) => Ok(start),
         None => search(model, photo, &inputs.camera(photo)?, options, &mut |_| ControlFlow::Continue(()))

@@ -1,14 +1,14 @@
 //! The solvers by name, made for one level of the pyramid, and the batches a stochastic one draws.
 
-use crate::SolverName;
 use crate::objective::{PhotoObjective, Prior};
 use crate::parameters::ViewSpace;
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
+use crate::{MetricName, SolverName};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use texreg_camera::View;
-use texreg_mi::{Density, Metric};
+use texreg_mi::Parzen;
 use texreg_optim::{
     Ascent, Bobyqa, Derivatives, Direction, LevenbergMarquardt, LineSearch, NelderMead, Objective, Solver,
     StochasticGradient,
@@ -52,8 +52,8 @@ impl SolverName {
 pub(crate) struct Batches<'a> {
     pub(crate) samples: &'a SurfaceSamples,
     pub(crate) level: &'a Level,
-    pub(crate) density: &'a dyn Density,
-    pub(crate) metric: &'a dyn Metric,
+    pub(crate) density: &'a Parzen,
+    pub(crate) metric: MetricName,
     pub(crate) space: &'a ViewSpace<'a>,
     pub(crate) prior: Prior,
     pub(crate) seed: u64,
@@ -78,11 +78,17 @@ impl Objective<View> for Batches<'_> {
     fn redraw(&mut self, round: usize) -> bool {
         let mut random = StdRng::seed_from_u64(self.seed ^ (round as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         let count = self.samples.points.len();
-        let chosen: Vec<usize> = (0..BATCH.min(count)).map(|_| random.random_range(0..count)).collect();
+        let mut chosen: Vec<usize> = (0..BATCH.min(count)).map(|_| random.random_range(0..count)).collect();
+        // Surface points come first: they alone have a shading.
+        chosen.sort_unstable();
+        let shading = chosen.iter().map_while(|&i| self.samples.shading.get(i).copied()).collect();
         self.batch = SurfaceSamples {
             points: chosen.iter().map(|&i| self.samples.points[i]).collect(),
             bins: chosen.iter().map(|&i| self.samples.bins[i]).collect(),
             covered: self.samples.covered,
+            shading,
+            needles: self.samples.needles.clone(),
+            contour: self.samples.contour.clone(),
         };
         true
     }

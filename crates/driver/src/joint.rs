@@ -247,10 +247,10 @@ impl Joint<'_> {
 
     /// What each view sees at a level; `None` where one sees nothing.
     fn sample(&self, together: &[usize], views: &[View], index: usize) -> Option<Vec<SurfaceSamples>> {
-        let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples);
         let of = |(&i, view): (&usize, &View)| {
             let photo = &self.photos[i];
             let level = &photo.levels[index.min(photo.levels.len() - 1)];
+            let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.options.metric);
             Sampler::new(photo.model.mesh, &*photo.model.signal).sample(view, level, &sampling)
         };
         together.iter().zip(views).map(of).collect()

@@ -3,12 +3,17 @@
 //! [`register`] takes a model, a photo and a rough view and hands back the view that maximizes the metric, with a verdict.
 //! Around it stand the doors: [`Photo`], the camera files, and the score against known cameras.
 
+mod channel;
 mod climb;
+mod contour;
 mod error;
 mod evaluate;
+mod grid;
 mod joint;
 mod layer;
+mod mask;
 mod model;
+mod needles;
 mod nudge;
 mod objective;
 mod options;
@@ -37,7 +42,7 @@ pub use joint::register_jointly;
 pub use layer::layer;
 pub use model::Model;
 pub use nudge::Nudge;
-pub use options::{MetricName, Options, RotationName, SolverName};
+pub use options::{BinsName, ChannelName, MetricName, Options, RotationName, SolverName};
 pub use outcome::{Event, Outcome, Stage, Status};
 pub use overlay::{Panel, outline_picture, overlay};
 pub use pairs::{FEWEST_PAIRS, PairFit, fit_of_pairs, pose_and_focal_from_pairs, pose_from_pairs};

@@ -3,16 +3,18 @@
 //!
 //! With the metric `M` over the density of pairs (bin `u_i`, photo value `v_i`), `∂M/∂ξ = 1/N Σ s_i g_i` for the scores
 //! `s_i = N ∂M/∂v_i` and `g_i = ∂v_i/∂ξ`, the photo's gradient times the projection's Jacobian. The curvature is the empirical
-//! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`.
+//! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`, by the metric's unit. The agreement of edges and that of silhouettes have files of their
+//! own; what is climbed is one of the three, a product or a sum.
 
 use crate::Refine;
+use crate::options::{MetricName, Terms};
 use crate::parameters::{Dense, MOST, POSE, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
 use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
-use texreg_mi::{Density, Metric, Samples};
+use texreg_mi::{Density, Metric, Parzen, Real, Samples};
 use texreg_optim::{Curvature, Derivatives, Objective};
 
 /// What is known of the camera before the photo was looked at.
@@ -41,63 +43,76 @@ impl Prior {
     }
 }
 
-/// The metric over the views of one photo.
-pub(crate) struct PhotoObjective<'a> {
+/// The metric over the views of one photo, with photo values of type `T`.
+pub(crate) struct PhotoObjective<'a, T = f32> {
     pub(crate) samples: &'a SurfaceSamples,
     pub(crate) level: &'a Level,
-    pub(crate) density: &'a dyn Density,
-    pub(crate) metric: &'a dyn Metric,
+    pub(crate) density: &'a Parzen,
+    pub(crate) terms: Terms,
     pub(crate) space: &'a ViewSpace<'a>,
     pub(crate) prior: Prior,
-    seen: Option<Seen>,
+    seen: Option<Seen<T>>,
     /// How often the metric was evaluated.
     pub(crate) evaluations: usize,
 }
 
 /// What the samples show from the view that was evaluated last.
-struct Seen {
+struct Seen<T> {
     view: View,
-    values: Vec<f32>,
-    slopes: Vec<[f32; 2]>,
+    /// The values of the terms.
+    values: [Option<f64>; 3],
+    shown: Shown<T>,
+}
+
+/// What the metric over the joint density read and made of it.
+#[derive(Default)]
+struct Shown<T> {
+    values: Vec<T>,
+    slopes: Vec<[T; 2]>,
     /// The metric's derivatives by cell of the joint density.
     table: Vec<f64>,
+    /// The metric's change with the mean log-likelihood.
+    unit: f64,
 }
 
 /// Samples summed by one task: fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
 
-impl<'a> PhotoObjective<'a> {
+impl<'a, T: Real> PhotoObjective<'a, T> {
     pub(crate) fn new(
         samples: &'a SurfaceSamples,
         level: &'a Level,
-        density: &'a dyn Density,
-        metric: &'a dyn Metric,
+        density: &'a Parzen,
+        metric: MetricName,
         space: &'a ViewSpace<'a>,
         prior: Prior,
     ) -> Self {
-        Self { samples, level, density, metric, space, prior, seen: None, evaluations: 0 }
+        let terms = metric.terms(samples, density);
+        Self { samples, level, density, terms, space, prior, seen: None, evaluations: 0 }
     }
 
-    /// The derivatives at a view, by a step of the chart and by the camera's components.
-    pub(crate) fn dense(&mut self, at: &View) -> Dense {
-        if self.seen.as_ref().is_none_or(|seen| seen.view != *at) {
-            self.value(at);
-        }
-        let seen = self.seen.as_ref().expect("the view was just evaluated");
-        let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &seen.values }, &seen.table);
+    /// The metric over the joint density of what the samples show.
+    fn over_density(&self, metric: &dyn Metric, at: &View) -> (f64, Shown<T>) {
+        let (values, slopes) = look(&self.samples.points, self.level, at);
+        let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
+        let (table, unit) = (metric.derivative(&joint), metric.unit(&joint));
+        (metric.value(&joint), Shown { values, slopes, table, unit })
+    }
+
+    /// Its derivatives by the tangent.
+    fn density_derivatives(&self, at: &View, shown: &Shown<T>) -> Dense {
+        let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &shown.values }, &shown.table);
         let camera = self.level.camera(&at.camera);
         let dimension = self.space.refine.dimension();
-        let sums: Vec<Sums<MOST>> = self
-            .samples
-            .points
-            .par_chunks(CHUNK)
-            .zip(seen.slopes.par_chunks(CHUNK))
+        let sums: Vec<Sums<MOST>> = (self.samples.points.par_chunks(CHUNK), shown.slopes.par_chunks(CHUNK))
+            .into_par_iter()
             .zip(scores.par_chunks(CHUNK))
             .map(|((points, slopes), scores)| {
                 let mut sums = Sums::default();
                 for ((point, slope), &score) in points.iter().zip(slopes).zip(scores) {
+                    let score: f64 = score.into();
                     if score != 0.0 {
-                        let gradient = f64::from(score) * Vector2::new(f64::from(slope[0]), f64::from(slope[1]));
+                        let gradient = score * Vector2::new(slope[0].into(), slope[1].into());
                         if let Some(row) = chain(at, &camera, self.space.refine, self.level.scale, point, &gradient) {
                             sums.add(&row[..dimension]);
                         }
@@ -106,10 +121,52 @@ impl<'a> PhotoObjective<'a> {
                 sums
             })
             .collect();
-        let scale = 1.0 / self.samples.points.len().max(1) as f64;
         let mut total = Sums::default();
         sums.iter().for_each(|part| total.merge(part));
-        let mut tangent = total.derivatives(dimension, scale);
+        let mut derivatives = total.derivatives(dimension, 1.0 / self.samples.points.len().max(1) as f64);
+        derivatives.curvature /= shown.unit;
+        derivatives
+    }
+
+    /// The derivatives of the terms.
+    fn term_derivatives(&self, at: &View, shown: &Shown<T>) -> [Option<Dense>; 3] {
+        let (camera, refine, scale) = (self.level.camera(&at.camera), self.space.refine, self.level.scale);
+        let silhouettes = self.samples.contour.as_ref().zip(self.level.silhouette.as_ref());
+        [
+            self.terms.density.as_ref().map(|_| self.density_derivatives(at, shown)),
+            self.samples.needles.as_ref().map(|needles| needles.derivatives::<T>(self.level, &camera, at, refine)),
+            silhouettes.map(|(contour, silhouette)| contour.derivatives(silhouette, &camera, at, refine, scale)),
+        ]
+    }
+
+    /// The terms' values together, and how the whole changes with each.
+    fn compose(&self, values: &[Option<f64>; 3]) -> (f64, [f64; 3]) {
+        let one = |value: &Option<f64>| value.unwrap_or(1.0);
+        if self.terms.is_product {
+            let [a, b, c] = [0, 1, 2].map(|k| one(&values[k]));
+            (a * b * c, [b * c, a * c, a * b])
+        } else {
+            (values.iter().flatten().sum(), [1.0; 3])
+        }
+    }
+
+    /// The derivatives at a view, by a step of the chart and by the camera's components.
+    pub(crate) fn dense(&mut self, at: &View) -> Dense {
+        if self.seen.as_ref().is_none_or(|seen| seen.view != *at) {
+            self.value(at);
+        }
+        let dimension = self.space.refine.dimension();
+        let mut tangent =
+            Dense { gradient: DVector::zeros(dimension), curvature: DMatrix::zeros(dimension, dimension) };
+        if let Some(seen) = self.seen.as_ref().filter(|seen| seen.view == *at) {
+            let (_, weights) = self.compose(&seen.values);
+            for (term, weight) in self.term_derivatives(at, &seen.shown).into_iter().zip(weights) {
+                if let Some(Dense { gradient, curvature }) = term {
+                    tangent.gradient += weight * gradient;
+                    tangent.curvature += weight.abs() * curvature;
+                }
+            }
+        }
         let prior = self.prior.derivatives(self.space.refine, &at.camera);
         let camera = prior.gradient.len();
         let mut own = tangent.gradient.rows_mut(POSE, camera);
@@ -120,14 +177,19 @@ impl<'a> PhotoObjective<'a> {
     }
 }
 
-impl Objective<View> for PhotoObjective<'_> {
+impl<T: Real> Objective<View> for PhotoObjective<'_, T> {
     fn value(&mut self, at: &View) -> Option<f64> {
         self.evaluations += 1;
-        let (values, slopes) = look(&self.samples.points, self.level, at);
-        let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
-        let value = self.metric.value(&joint);
-        let table = self.metric.derivative(&joint);
-        self.seen = Some(Seen { view: *at, values, slopes, table });
+        let camera = self.level.camera(&at.camera);
+        let (value, shown) = self.terms.density.as_ref().map(|metric| self.over_density(&**metric, at)).unzip();
+        let needles = self.samples.needles.as_ref().map(|needles| needles.value::<T>(self.level, &camera, at));
+        let silhouettes = match self.samples.contour.as_ref().zip(self.level.silhouette.as_ref()) {
+            Some((contour, silhouette)) => Some(contour.value(silhouette, &camera, at)?),
+            None => None,
+        };
+        let values = [value, needles, silhouettes];
+        let (value, _) = self.compose(&values);
+        self.seen = Some(Seen { view: *at, values, shown: shown.unwrap_or_default() });
         Some(value + self.prior.log(self.space.refine, &at.camera)).filter(|value| value.is_finite())
     }
 
@@ -138,10 +200,10 @@ impl Objective<View> for PhotoObjective<'_> {
 }
 
 /// What a view sees of points in a level of the photo: the values, NaN outside it, and their slopes.
-pub(crate) fn look(points: &[Point3<f64>], level: &Level, view: &View) -> (Vec<f32>, Vec<[f32; 2]>) {
+pub(crate) fn look<T: Real>(points: &[Point3<f64>], level: &Level, view: &View) -> (Vec<T>, Vec<[T; 2]>) {
     let camera = level.camera(&view.camera);
-    let mut values = vec![f32::NAN; points.len()];
-    let mut slopes = vec![[0.0; 2]; points.len()];
+    let mut values = vec![T::of(f64::NAN); points.len()];
+    let mut slopes = vec![[T::default(); 2]; points.len()];
     (points.par_chunks(CHUNK), values.par_chunks_mut(CHUNK), slopes.par_chunks_mut(CHUNK)).into_par_iter().for_each(
         |(points, values, slopes)| {
             for ((point, value), slope) in points.iter().zip(values).zip(slopes) {
@@ -227,12 +289,14 @@ impl<const N: usize> Sums<N> {
 pub(crate) mod tests {
     use super::*;
     use crate::RotationName;
-    use crate::options::MetricName;
+    use crate::contour::{Contour, Silhouette};
+    use crate::needles::Needles;
     use nalgebra::Rotation3;
     use texreg_camera::{Distortion, Intrinsics};
     use texreg_lie::Pose;
-    use texreg_mi::Parzen;
     use texreg_optim::Manifold;
+    use texreg_raster::{GBuffer, Options, Renderer, Triangles};
+    use texreg_surface::{Attributes, Mesh};
 
     /// A bumpy sheet inside a smooth picture, and bins that have to do with what is seen.
     pub(crate) fn scene() -> (View, Level, SurfaceSamples) {
@@ -246,51 +310,84 @@ pub(crate) mod tests {
         let pose = Pose::new(Rotation3::from_euler_angles(0.2, -0.3, 0.1), Vector3::new(0.02, -0.05, 2.4));
         let at = |x: f32, y: f32| 0.5 + 0.3 * (0.11 * x).sin() * (0.13 * y).cos() + 0.1 * (0.05 * (x - y)).sin();
         let values: Vec<f32> = (0..width * height).map(|i| at((i % width) as f32, (i / width) as f32)).collect();
-        let points: Vec<Point3<f64>> = (0..6_000)
-            .map(|i| {
-                let (x, y) = (f64::from(i % 80) / 40.0 - 1.0, f64::from(i / 80) / 37.5 - 1.0);
-                Point3::new(0.8 * x, 0.6 * y, 0.2 * (3.0 * x).sin() * (2.0 * y).cos())
-            })
-            .collect();
+        let points: Vec<Point3<f64>> = (0..6_000).map(|i| sheet(i % 80, i / 80, 80)).collect();
         let bins = points.iter().map(|p| (3.0 + 2.0 * (4.0 * p.x).sin() + 1.5 * (5.0 * p.y).cos()) as u16).collect();
+        let shading = points.iter().map(|p| (0.4 + 0.3 * (4.0 * p.x).sin()) as f32).collect();
         let covered = points.len();
-        (View { camera, pose }, Level::new(1.0, 160, 120, &values), SurfaceSamples { points, bins, covered })
+        let samples = SurfaceSamples { points, bins, covered, shading, ..Default::default() };
+        (View { camera, pose }, Level::new(1.0, 160, 120, &values), samples)
     }
 
+    /// A point of the sheet, by its column and row of so many columns.
+    fn sheet(i: u32, j: u32, columns: u32) -> Point3<f64> {
+        let (x, y) =
+            (2.0 * f64::from(i) / f64::from(columns) - 1.0, 8.0 * f64::from(j) / (3.0 * f64::from(columns)) - 1.0);
+        Point3::new(0.8 * x, 0.6 * y, 0.2 * (3.0 * x).sin() * (2.0 * y).cos())
+    }
+
+    /// The scene with its edges and outline, and a photo whose silhouette is a little off.
+    fn drawn_scene() -> (View, Level, SurfaceSamples) {
+        let (view, mut level, mut samples) = scene();
+        let mut positions = Vec::new();
+        let mut triangles = Vec::new();
+        for (j, i) in (0..30).flat_map(|j| (0..40).map(move |i| (j, i))) {
+            positions.push(sheet(i, j, 40).coords.into());
+            if i < 39 && j < 29 {
+                let k = j * 40 + i;
+                triangles.extend([[k, k + 1, k + 40], [k + 1, k + 41, k + 40]]);
+            }
+        }
+        let mesh = Mesh::new(&positions, triangles, Attributes::default()).unwrap();
+        let mut picture = GBuffer::default();
+        let shape = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        Renderer::new().render(&shape, &view.camera, &view.pose, &Options::default(), &mut picture);
+        samples.needles = Some(Needles::of(&mesh, &picture, &view.camera, &view, 500));
+        samples.contour = Some(Contour::of(&picture, &view.camera, &view));
+        let ellipse =
+            |i: usize| ((i % 160) as f32 / 47.0 - 1.75).powi(2) + ((i / 160) as f32 / 36.0 - 1.6).powi(2) < 1.0;
+        let mask: Vec<f32> = (0..160 * 120).map(|i| f32::from(u8::from(ellipse(i)))).collect();
+        level.silhouette = Some(Silhouette::new(160, 120, &mask));
+        (view, level, samples)
+    }
+
+    /// Every metric, in every chart, with every part of the camera.
     #[test]
-    fn derivatives_agree_with_differences_in_every_chart() {
-        let (view, level, samples) = scene();
+    fn derivatives_agree_with_differences() {
+        let (view, level, samples) = drawn_scene();
         let density = Parzen { model_bins: 7, photo_bins: 16 };
         let refine = Refine { focal: true, principal: true, distortion: true };
         let mut expected = view.camera;
         expected.intrinsics.fx *= 1.01;
         let prior = Prior { camera: expected, weight: 1e-2 };
-        for &rotation in RotationName::ALL {
+        let charts = RotationName::ALL.iter().map(|&rotation| (rotation, MetricName::MutualInformation));
+        let metrics = MetricName::ALL.iter().map(|&metric| (RotationName::Lie, metric));
+        for (rotation, metric) in charts.chain(metrics) {
             let space = ViewSpace { rotation: rotation.chart(), refine };
-            let metric = MetricName::MutualInformation.metric();
-            let mut objective = PhotoObjective::new(&samples, &level, &density, metric, &space, prior);
-            let gradient = objective.derivatives(&view).gradient;
+            let mut samples = samples.clone();
+            samples.needles = samples.needles.filter(|_| metric.has_edges());
+            samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
+            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, metric, &space, prior);
+            let Derivatives { gradient, curvature } = objective.derivatives(&view);
             assert_eq!(gradient.len(), space.dimension());
+            let curvature = curvature.to_dense().unwrap();
+            assert!(curvature.symmetric_eigenvalues().min() > -1e-9 * curvature.amax(), "{metric}");
             for k in 0..gradient.len() {
-                // Values are of single precision: each step moves the picture by a hundredth of a pixel or so.
+                // Each step moves the picture by some ten-thousandths of a pixel.
                 let reach = match (k + MOST).saturating_sub(space.dimension()) {
-                    7 | 8 => 1e-2,
-                    9.. => 2e-3,
-                    _ => 1e-4,
+                    7 | 8 => 1e-4,
+                    9.. => 1e-5,
+                    _ => 2e-6,
                 };
                 let mut along = |amount: f64| {
                     let mut step = DVector::zeros(space.dimension());
                     step[k] = amount;
                     objective.value(&space.retract(&view, &step).unwrap()).unwrap()
                 };
-                let central = |h: f64, along: &mut dyn FnMut(f64) -> f64| (along(h) - along(-h)) / (2.0 * h);
-                let slope = (4.0 * central(reach, &mut along) - central(2.0 * reach, &mut along)) / 3.0;
-                let scale = gradient[k].abs().max(1e-2 * gradient.amax());
-                assert!(
-                    (gradient[k] - slope).abs() < 2e-3 * scale,
-                    "{rotation}, component {k}: {} against {slope}",
-                    gradient[k]
-                );
+                let mut central = |h: f64| (along(h) - along(-h)) / (2.0 * h);
+                let slope = (4.0 * central(reach) - central(2.0 * reach)) / 3.0;
+                let scale = gradient[k].abs().max(1e-3 * gradient.amax());
+                let error = (gradient[k] - slope).abs() / scale;
+                assert!(error < 1e-6, "{metric}, {rotation}, component {k}: {} against {slope}", gradient[k]);
             }
         }
     }
@@ -301,10 +398,9 @@ pub(crate) mod tests {
         let density = Parzen { model_bins: 7, photo_bins: 16 };
         let space = ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default() };
         let prior = Prior { camera: view.camera, weight: 0.0 };
-        let metric = MetricName::MutualInformation.metric();
-        let curvature =
-            PhotoObjective::new(&samples, &level, &density, metric, &space, prior).derivatives(&view).curvature;
-        let curvature = curvature.to_dense().unwrap();
+        let metric = MetricName::MutualInformation;
+        let mut objective = PhotoObjective::<f32>::new(&samples, &level, &density, metric, &space, prior);
+        let curvature = objective.derivatives(&view).curvature.to_dense().unwrap();
         assert_eq!(curvature, curvature.transpose());
         assert!(curvature.symmetric_eigenvalues().min() > 0.0);
     }

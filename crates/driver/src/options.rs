@@ -1,17 +1,25 @@
 //! What a registration can be asked to do.
 
 use crate::Refine;
+use crate::samples::SurfaceSamples;
 use nalgebra::Rotation3;
 use std::fmt;
 use std::str::FromStr;
 use texreg_lie::{AxisAngle, Chart, Euler, InMatrices, InQuaternions, Left};
-use texreg_mi::{EntropyCorrelation, Metric, MutualInformation, NormalizedMutualInformation};
+use texreg_mi::{
+    ConditionalEntropy, Correlation, CorrelationRatio, EntropyCorrelation, Metric, MutualInformation,
+    NormalizedMutualInformation, Parzen, SquaredDifference,
+};
 
 /// The options of a registration. `Default` is the choice for a photo of which nothing is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
     /// The measure of agreement.
     pub metric: MetricName,
+    /// What of the photo is compared.
+    pub channel: ChannelName,
+    /// How the photo's values are divided into bins.
+    pub bins: BinsName,
     /// The chart a rotation is stepped in.
     pub rotation: RotationName,
     /// The solver that climbs.
@@ -65,6 +73,56 @@ names! {
         Normalized = "nmi",
         /// The entropy correlation coefficient.
         EntropyCorrelation = "ecc",
+        /// Minus the conditional entropy of the photo given the model.
+        ConditionalEntropy = "ce",
+        /// The correlation ratio.
+        CorrelationRatio = "cr",
+        /// The correlation with the shading of a light at the camera.
+        Correlation = "ncc",
+        /// Minus the mean squared difference from that shading.
+        SquaredDifference = "ssd",
+        /// The agreement of the model's edges with the photo's gradients.
+        Gradient = "gradient",
+        /// Mutual information times that agreement.
+        InformationGradient = "mi-gradient",
+        /// Minus the conditional entropy of the photo's silhouette given the model's.
+        Silhouette = "silhouette",
+        /// Mutual information and the silhouettes' entropy.
+        InformationSilhouette = "mi-silhouette",
+    }
+}
+
+names! {
+    /// What of a photo is compared with the model.
+    #[derive(Default)]
+    ChannelName {
+        #[default]
+        /// Luma.
+        Luma = "luma",
+        /// Red, the nearest to the wavelength of most scanners.
+        Red = "red",
+        /// Green.
+        Green = "green",
+        /// Blue.
+        Blue = "blue",
+        /// The first principal component of the colours.
+        Principal = "principal",
+        /// Luma by its mean and deviation around each pixel.
+        Contrast = "contrast",
+        /// The magnitude of luma's gradient.
+        Gradient = "gradient",
+    }
+}
+
+names! {
+    /// How the photo's values are divided into bins.
+    #[derive(Default)]
+    BinsName {
+        #[default]
+        /// Bins of equal width.
+        Width = "width",
+        /// Bins of equal frequency.
+        Rank = "rank",
     }
 }
 
@@ -110,23 +168,59 @@ names! {
     }
 }
 
-impl MetricName {
-    /// The metric of this name.
-    pub fn metric(self) -> &'static dyn Metric {
-        match self {
-            Self::MutualInformation => &MutualInformation,
-            Self::Normalized => &NormalizedMutualInformation,
-            Self::EntropyCorrelation => &EntropyCorrelation,
-        }
-    }
+/// What is climbed: terms that are summed or multiplied. Edges and silhouettes are terms if the samples have them.
+pub(crate) struct Terms {
+    /// A metric over the joint density.
+    pub(crate) density: Option<Box<dyn Metric>>,
+    /// Whether the terms are multiplied.
+    pub(crate) is_product: bool,
 }
 
 impl MetricName {
-    /// The metric's value where the model tells nothing of the photo.
+    /// The terms, for samples and the density that they are counted in.
+    pub(crate) fn terms(self, samples: &SurfaceSamples, density: &Parzen) -> Terms {
+        let shading = || samples.shading_by_bin(density.model_bins);
+        let density: Option<Box<dyn Metric>> = match self {
+            Self::MutualInformation | Self::InformationGradient | Self::InformationSilhouette => {
+                Some(Box::new(MutualInformation))
+            }
+            Self::Normalized => Some(Box::new(NormalizedMutualInformation)),
+            Self::EntropyCorrelation => Some(Box::new(EntropyCorrelation)),
+            Self::ConditionalEntropy => Some(Box::new(ConditionalEntropy)),
+            Self::CorrelationRatio => Some(Box::new(CorrelationRatio)),
+            Self::Correlation => Some(Box::new(Correlation { model: shading() })),
+            Self::SquaredDifference => {
+                Some(Box::new(SquaredDifference { model: shading(), photo: density.photo_values() }))
+            }
+            Self::Gradient | Self::Silhouette => None,
+        };
+        Terms { density, is_product: self == Self::InformationGradient }
+    }
+
+    /// Whether the model's edges are a term.
+    pub(crate) fn has_edges(self) -> bool {
+        matches!(self, Self::Gradient | Self::InformationGradient)
+    }
+
+    /// Whether the silhouettes are a term.
+    pub(crate) fn has_silhouettes(self) -> bool {
+        matches!(self, Self::Silhouette | Self::InformationSilhouette)
+    }
+
+    /// Whether the model's shading is compared.
+    pub(crate) fn has_shading(self) -> bool {
+        matches!(self, Self::Correlation | Self::SquaredDifference)
+    }
+
+    /// The metric's value where the model tells nothing of the photo; for those that have no such value, one that good views are
+    /// well above.
     pub(crate) fn independent(self) -> f64 {
         match self {
             Self::Normalized => 1.0,
-            Self::MutualInformation | Self::EntropyCorrelation => 0.0,
+            Self::ConditionalEntropy => -3.0,
+            Self::SquaredDifference => -0.1,
+            Self::Silhouette | Self::InformationSilhouette => -std::f64::consts::LN_2,
+            _ => 0.0,
         }
     }
 }

@@ -32,6 +32,8 @@ pub struct Photo {
     pub rgb: Vec<[u8; 3]>,
     /// The focal length in millimetres that gives the same field of view on 36 mm film, if EXIF has it.
     pub focal_35mm: Option<f64>,
+    /// Where the photo shows the object, one a pixel, if that is known.
+    pub mask: Option<Vec<bool>>,
 }
 
 /// A photo that cannot be had. Its message is one line that names the file, the cause and what to do.
@@ -65,6 +67,16 @@ pub enum PhotoError {
         /// Which limit it breaks.
         cause: String,
     },
+    /// A mask is not of its photo's size.
+    #[error("{}: the mask is {}x{} pixels, its photo {}x{}; make them the same size", path.display(), size.0, size.1, photo.0, photo.1)]
+    MaskSize {
+        /// The mask's file.
+        path: PathBuf,
+        /// Its width and height.
+        size: (u32, u32),
+        /// The photo's.
+        photo: (u32, u32),
+    },
     /// The image is damaged or of a kind that is not supported.
     #[error("{}: {cause}; copy or export the photo again", path.display())]
     Decode {
@@ -90,7 +102,24 @@ impl Photo {
         let (image, focal_35mm) = decode(&bytes).map_err(|error| explain(error, path))?;
         let (luma, rgb) = planes(&image);
         let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Photo { file, width: image.width(), height: image.height(), luma, rgb, focal_35mm })
+        Ok(Photo { file, width: image.width(), height: image.height(), luma, rgb, focal_35mm, mask: None })
+    }
+
+    /// Takes an image of the photo's size for its mask: the object is where it is brighter than half.
+    ///
+    /// # Errors
+    /// See [`PhotoError`]; a mask of another size is refused.
+    pub fn with_mask(self, path: impl AsRef<Path>) -> Result<Photo, PhotoError> {
+        let mask = Photo::load(&path)?;
+        if (mask.width, mask.height) != (self.width, self.height) {
+            let size = (mask.width, mask.height);
+            return Err(PhotoError::MaskSize {
+                path: path.as_ref().to_owned(),
+                size,
+                photo: (self.width, self.height),
+            });
+        }
+        Ok(Photo { mask: Some(mask.luma.iter().map(|&value| value > 0.5).collect()), ..self })
     }
 
     /// The focal length in pixels by EXIF: the longer side of the photo stands for the 36 mm of the film.

@@ -1,13 +1,12 @@
 //! The photo as the metric reads it: values in `0..=1` at full, half, quarter … size, interpolated by cubic B-splines.
 
+use crate::contour::Silhouette;
+use crate::grid::Grid;
 use rayon::prelude::*;
 use texreg_camera::Camera;
+use texreg_mi::Real;
 
 /// One size of a photo's values.
-///
-/// Pixel centres are at integers. Between them the values are weighted by the cubic B-spline, without the prefilter that
-/// would make it interpolate: the slight smoothing (standard deviation 0.58 px) is wanted, and value and gradient are twice
-/// and once continuously differentiable.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
     /// Pixels of this level per pixel of the photo: 1, ½, ¼ …
@@ -16,26 +15,16 @@ pub(crate) struct Level {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Row by row, with a margin of [`MARGIN`] repeated pixels on each side.
-    padded: Vec<f32>,
+    /// The values.
+    pub grid: Grid<f32>,
+    /// Where the photo shows the object, if that is known.
+    pub silhouette: Option<Silhouette>,
 }
-
-/// The cubic window reaches two pixels beyond the border.
-const MARGIN: usize = 2;
 
 impl Level {
     /// A level from `width × height` values, row by row.
     pub(crate) fn new(scale: f64, width: usize, height: usize, values: &[f32]) -> Self {
-        assert_eq!(values.len(), width * height, "one value a pixel");
-        let stride = width + 2 * MARGIN;
-        let mut padded = vec![0.0; stride * (height + 2 * MARGIN)];
-        padded.par_chunks_mut(stride).enumerate().for_each(|(y, row)| {
-            let source = &values[y.saturating_sub(MARGIN).min(height - 1) * width..][..width];
-            row[..MARGIN].fill(source[0]);
-            row[MARGIN..MARGIN + width].copy_from_slice(source);
-            row[MARGIN + width..].fill(source[width - 1]);
-        });
-        Self { scale, width, height, padded }
+        Self { scale, width, height, grid: Grid::new(width, height, values), silhouette: None }
     }
 
     /// The camera that sees this level, from the one that sees the photo.
@@ -43,35 +32,15 @@ impl Level {
         Camera { width: self.width as u32, height: self.height as u32, ..photo.scaled(self.scale) }
     }
 
-    /// The values of one row, without the margin.
+    /// The values of one row.
     pub(crate) fn row(&self, y: usize) -> &[f32] {
-        &self.padded[(y + MARGIN) * (self.width + 2 * MARGIN) + MARGIN..][..self.width]
+        self.grid.row(y)
     }
 
     /// Value and gradient `(v, ∂v/∂x, ∂v/∂y)` at a place in this level's pixels; `None` outside the picture.
     #[inline]
-    pub(crate) fn sample(&self, x: f64, y: f64) -> Option<[f32; 3]> {
-        let inside = x >= -0.5 && y >= -0.5 && x <= self.width as f64 - 0.5 && y <= self.height as f64 - 0.5;
-        if !inside {
-            return None;
-        }
-        // Both are at least -0.5: after adding the margin, truncation is the floor.
-        let (x, y) = (x + MARGIN as f64, y + MARGIN as f64);
-        let (column, row) = (x as usize, y as usize);
-        let (wx, dx) = weights((x - column as f64) as f32);
-        let (wy, dy) = weights((y - row as f64) as f32);
-        let stride = self.width + 2 * MARGIN;
-        let first = (row - 1) * stride + column - 1;
-        let mut out = [0.0; 3];
-        for j in 0..4 {
-            let line = &self.padded[first + j * stride..][..4];
-            let value: f32 = (0..4).map(|i| line[i] * wx[i]).sum();
-            let slope: f32 = (0..4).map(|i| line[i] * dx[i]).sum();
-            out[0] += wy[j] * value;
-            out[1] += wy[j] * slope;
-            out[2] += dy[j] * value;
-        }
-        Some(out)
+    pub(crate) fn sample<T: Real>(&self, x: f64, y: f64) -> Option<[T; 3]> {
+        self.grid.sample(x, y)
     }
 
     /// The level of half the size: means of blocks of 2×2 pixels (an odd last row or column is dropped).
@@ -86,16 +55,6 @@ impl Level {
         });
         Self::new(0.5 * self.scale, width, height, &values)
     }
-}
-
-/// The cubic B-spline at the four pixels around a place `t` (0..=1) after the second, and its derivative.
-#[inline]
-fn weights(t: f32) -> ([f32; 4], [f32; 4]) {
-    let s = 1.0 - t;
-    let value =
-        [s * s * s / 6.0, 2.0 / 3.0 - t * t * (1.0 - 0.5 * t), 2.0 / 3.0 - s * s * (1.0 - 0.5 * s), t * t * t / 6.0];
-    let slope = [-0.5 * s * s, t * (1.5 * t - 2.0), -s * (1.5 * s - 2.0), 0.5 * t * t];
-    (value, slope)
 }
 
 /// The levels of a photo's values, full size first, each half the size of the one before, down to `smallest` pixels on the
@@ -136,10 +95,10 @@ mod tests {
         let level = Level::new(1.0, 31, 23, &picture(31, 23));
         for (x, y) in [(10.3, 7.8), (0.1, 22.2), (-0.3, 0.0), (29.99, 3.5), (15.0, 11.0)] {
             let h = 1.0 / 64.0;
-            let value = |x: f64, y: f64| f64::from(level.sample(x, y).unwrap()[0]);
-            let [_, dx, dy] = level.sample(x, y).unwrap();
-            assert!((f64::from(dx) - (value(x + h, y) - value(x - h, y)) / (2.0 * h)).abs() < 1e-4, "x at {x}, {y}");
-            assert!((f64::from(dy) - (value(x, y + h) - value(x, y - h)) / (2.0 * h)).abs() < 1e-4, "y at {x}, {y}");
+            let value = |x: f64, y: f64| level.sample::<f64>(x, y).unwrap()[0];
+            let [_, dx, dy] = level.sample::<f64>(x, y).unwrap();
+            assert!((dx - (value(x + h, y) - value(x - h, y)) / (2.0 * h)).abs() < 1e-4, "x at {x}, {y}");
+            assert!((dy - (value(x, y + h) - value(x, y - h)) / (2.0 * h)).abs() < 1e-4, "y at {x}, {y}");
         }
     }
 
@@ -147,9 +106,9 @@ mod tests {
     fn outside_is_outside() {
         let level = Level::new(1.0, 31, 23, &picture(31, 23));
         for (x, y) in [(-0.51, 5.0), (30.51, 5.0), (5.0, -0.51), (5.0, 22.51), (f64::NAN, 5.0), (1e30, 5.0)] {
-            assert!(level.sample(x, y).is_none(), "{x}, {y}");
+            assert!(level.sample::<f32>(x, y).is_none(), "{x}, {y}");
         }
-        assert!(level.sample(-0.5, 22.5).is_some());
+        assert!(level.sample::<f32>(-0.5, 22.5).is_some());
     }
 
     #[test]
@@ -160,7 +119,7 @@ mod tests {
         assert_eq!(levels.iter().map(|l| l.width).collect::<Vec<_>>(), [64, 32, 16]);
         for level in &levels {
             let (x, y) = ((20.2 + 0.5) * level.scale - 0.5, (17.0 + 0.5) * level.scale - 0.5);
-            assert!((level.sample(x, y).unwrap()[0] - 20.2 / 64.0).abs() < 1e-5);
+            assert!((level.sample::<f32>(x, y).unwrap()[0] - 20.2 / 64.0).abs() < 1e-5);
         }
     }
 

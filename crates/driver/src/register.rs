@@ -15,7 +15,10 @@ mod anywhere;
 
 pub use anywhere::search;
 
+use crate::channel::channel;
 use crate::climb::Batches;
+use crate::contour::Silhouette;
+use crate::mask::silhouette;
 use crate::model::Model;
 use crate::objective::{PhotoObjective, Prior};
 use crate::outcome::{Event, Outcome, Stage};
@@ -26,13 +29,13 @@ use crate::samples::{Sampler, Sampling, SurfaceSamples};
 use crate::search::{Region, Search};
 use crate::uncertainty::{Witness, uncertainties};
 use crate::verdict::{Findings, verdict};
-use crate::{Error, Options, Photo, Refine, SolverName, Status};
+use crate::{BinsName, Error, Options, Photo, Refine, SolverName, Status};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::{Camera, View};
-use texreg_mi::Parzen;
+use texreg_mi::{Parzen, ranks};
 use texreg_optim::{Objective, Report};
 use texreg_surface::{Mesh, Signal};
 
@@ -167,9 +170,7 @@ pub(crate) struct Climb {
 impl<'a> Registration<'a> {
     /// Makes a photo ready.
     pub fn new(model: &'a Model, photo: &'a Photo, options: &'a Options) -> Self {
-        let mut values = photo.luma.clone();
-        spread(&mut values, TAIL);
-        let levels = pyramid(photo.width as usize, photo.height as usize, &values, COARSEST);
+        let levels = levels(photo, options);
         let overview = Overview::new(photo, OVERVIEW, COLOURS);
         let density = Parzen { model_bins: model.signal.bins() + 1, photo_bins: PHOTO_BINS };
         Self { model, photo, options, density, levels, overview }
@@ -404,7 +405,7 @@ impl<'a> Registration<'a> {
     /// does.
     pub(crate) fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<(f64, f64)> {
         let samples = EFFORTS[EFFORTS.len() - 1].samples;
-        let sampling = Sampling::with_halo(samples);
+        let sampling = Sampling::with_halo(samples, self.options.metric);
         let samples = sampler.sample(view, &self.levels[0], &sampling)?;
         let space = self.space(Refine::default());
         let value = self.objective(0, &samples, &space, &view.camera, 0.0).value(view)?;
@@ -414,7 +415,7 @@ impl<'a> Registration<'a> {
     /// The metric of a view on the coarsest level, over what it shows itself; `None` where it shows nothing of the model.
     pub(crate) fn coarse_similarity(&self, view: &View) -> Option<f64> {
         let coarsest = self.levels.len() - 1;
-        let sampling = Sampling::with_halo(EFFORTS[0].samples);
+        let sampling = Sampling::with_halo(EFFORTS[0].samples, self.options.metric);
         let mut sampler = Sampler::new(&self.model.coarse, &*self.model.signal);
         let samples = sampler.sample(view, &self.levels[coarsest], &sampling)?;
         self.objective(coarsest, &samples, &self.space(Refine::default()), &view.camera, 0.0).value(view)
@@ -432,7 +433,7 @@ impl<'a> Registration<'a> {
         let level = &self.levels[index];
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
-        let sampling = Sampling::with_halo(effort.samples);
+        let sampling = Sampling::with_halo(effort.samples, self.options.metric);
         let space = self.space(if index < 2 { refine } else { Refine::default() });
         let solver = self.options.solver.solver(effort.iterations, effort.gain);
         let mut climb = Climb { view: *from, similarity: (0.0, 0.0), evaluations: 0, renderings: 0 };
@@ -444,7 +445,7 @@ impl<'a> Registration<'a> {
                     samples: &samples,
                     level,
                     density: &self.density,
-                    metric: objective.metric,
+                    metric: self.options.metric,
                     space: &space,
                     prior: objective.prior,
                     seed: self.options.seed,
@@ -488,8 +489,26 @@ impl<'a> Registration<'a> {
         weight: f64,
     ) -> PhotoObjective<'b> {
         let prior = Prior { camera: *expected, weight };
-        PhotoObjective::new(samples, &self.levels[index], &self.density, self.options.metric.metric(), space, prior)
+        PhotoObjective::new(samples, &self.levels[index], &self.density, self.options.metric, space, prior)
     }
+}
+
+/// The photo as the metric reads it.
+fn levels(photo: &Photo, options: &Options) -> Vec<Level> {
+    let (width, height) = (photo.width as usize, photo.height as usize);
+    let mut values = channel(photo, options.channel);
+    match options.bins {
+        BinsName::Width => spread(&mut values, TAIL),
+        BinsName::Rank => ranks(&mut values),
+    }
+    let mut levels = pyramid(width, height, &values, COARSEST);
+    if options.metric.has_silhouettes() {
+        for (level, mask) in levels.iter_mut().zip(pyramid(width, height, &silhouette(photo), COARSEST)) {
+            let mask: Vec<f32> = (0..level.height).flat_map(|y| mask.row(y).iter().copied()).collect();
+            level.silhouette = Some(Silhouette::new(level.width, level.height, &mask));
+        }
+    }
+    levels
 }
 
 fn climb_name(index: usize) -> String {

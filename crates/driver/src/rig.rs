@@ -183,7 +183,7 @@ mod tests {
     fn derivatives_agree_with_differences_for_shared_and_own_cameras() {
         let (views, levels, samples) = photos();
         let density = Parzen { model_bins: 7, photo_bins: 16 };
-        let metric = MetricName::MutualInformation.metric();
+        let metric = MetricName::MutualInformation;
         let overlap = |photos| Overlap { photos, points: samples.points.clone(), weight: 0.7 };
         let overlaps = [overlap([0, 1]), overlap([1, 0]), overlap([2, 0])];
         let refine = Refine { focal: true, principal: true, distortion: true };

@@ -1,15 +1,18 @@
 //! Samples on the surface: what a view sees of the model, and the background around it.
 
+use crate::MetricName;
+use crate::contour::Contour;
 use crate::model::viewpoint;
+use crate::needles::Needles;
 use crate::pyramid::Level;
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, Triangles, outline};
-use texreg_surface::{Mesh, Signal, Surfel};
+use texreg_surface::{Headlight, Mesh, Signal, Surfel};
 
-/// Surface points with fixed bins.
-#[derive(Clone, Debug)]
+/// Surface points with fixed bins, and what else metrics look at.
+#[derive(Clone, Debug, Default)]
 pub(crate) struct SurfaceSamples {
     /// The points in the model's frame, relative to its origin.
     pub(crate) points: Vec<Point3<f64>>,
@@ -17,6 +20,25 @@ pub(crate) struct SurfaceSamples {
     pub(crate) bins: Vec<u16>,
     /// Pixels of the level that show the model.
     pub(crate) covered: usize,
+    /// The shading of each surface point by a light at the camera, if the metric looks at it.
+    pub(crate) shading: Vec<f32>,
+    /// The model's edges, likewise.
+    pub(crate) needles: Option<Needles>,
+    /// The model's outline, likewise.
+    pub(crate) contour: Option<Contour>,
+}
+
+impl SurfaceSamples {
+    /// The mean shading of each of so many bins; NaN for one without a surface point.
+    pub(crate) fn shading_by_bin(&self, bins: usize) -> Vec<f64> {
+        let mut sums = vec![[0.0; 2]; bins];
+        for (&bin, &shading) in self.bins.iter().zip(&self.shading) {
+            let sum = &mut sums[usize::from(bin)];
+            sum[0] += f64::from(shading);
+            sum[1] += 1.0;
+        }
+        sums.into_iter().map(|[sum, count]| sum / count).collect()
+    }
 }
 
 /// How a view is sampled.
@@ -28,6 +50,8 @@ pub(crate) struct Sampling {
     pub(crate) halo: usize,
     /// How far around the silhouette the background is sampled, in pixels of the level.
     pub(crate) band: f32,
+    /// The metric that will look at the samples.
+    pub(crate) metric: MetricName,
 }
 
 /// Background samples reach this many pixels of a level beyond the silhouette.
@@ -36,12 +60,12 @@ const BAND: f32 = 12.0;
 impl Sampling {
     /// So many points of the surface alone.
     pub(crate) fn surface(surface: usize) -> Self {
-        Self { surface, halo: 0, band: 0.0 }
+        Self { surface, halo: 0, band: 0.0, metric: MetricName::default() }
     }
 
-    /// So many points of the surface, and half as many around it.
-    pub(crate) fn with_halo(surface: usize) -> Self {
-        Self { surface, halo: surface / 2, band: BAND }
+    /// So many points of the surface, and half as many around it, for a metric.
+    pub(crate) fn with_halo(surface: usize, metric: MetricName) -> Self {
+        Self { surface, halo: surface / 2, band: BAND, metric }
     }
 }
 
@@ -73,9 +97,10 @@ impl<'a> Sampler<'a> {
             return None;
         }
         let width = picture.width as usize;
+        let has_shading = sampling.metric.has_shading();
         let share = sampling.surface as f32 / covered as f32;
         let viewpoint = viewpoint(view);
-        let rows: Vec<Vec<(Point3<f64>, u16)>> = picture
+        let rows: Vec<Vec<(Point3<f64>, u16, f32)>> = picture
             .face
             .par_chunks(width)
             .enumerate()
@@ -95,17 +120,31 @@ impl<'a> Sampler<'a> {
                         });
                         let point = Point3::from(point.sum::<nalgebra::Vector3<f64>>());
                         let surfel = Surfel { mesh: self.mesh, corners, weights, viewpoint: &viewpoint };
-                        Some((point, self.signal.bin(&surfel) as u16))
+                        let shading = if has_shading { Headlight { steps: 1 }.colour(&surfel)[0] } else { 0.0 };
+                        Some((point, self.signal.bin(&surfel) as u16, shading))
                     });
                     samples.collect()
                 },
             )
             .collect();
-        let (mut points, mut bins): (Vec<_>, Vec<_>) = rows.into_iter().flatten().unzip();
+        let samples = rows.into_iter().flatten().map(|(point, bin, shading)| (point, (bin, shading)));
+        let (mut points, (mut bins, mut shading)): (Vec<_>, (Vec<_>, Vec<_>)) = samples.unzip();
+        if !has_shading {
+            shading.clear();
+        }
         let halo = self.halo(view, &camera, sampling);
         bins.resize(bins.len() + halo.len(), self.signal.bins() as u16);
         points.extend(halo);
-        Some(SurfaceSamples { points, bins, covered })
+        let metric = sampling.metric;
+        let needles = || Needles::of(self.mesh, &self.picture, &camera, view, sampling.surface);
+        Some(SurfaceSamples {
+            points,
+            bins,
+            covered,
+            shading,
+            needles: metric.has_edges().then(needles),
+            contour: metric.has_silhouettes().then(|| Contour::of(&self.picture, &camera, view)),
+        })
     }
 
     fn halo(&self, view: &View, camera: &Camera, sampling: &Sampling) -> Vec<Point3<f64>> {

@@ -94,7 +94,7 @@ impl Witness {
         prior: f64,
     ) -> Option<Self> {
         let space = ViewSpace { rotation: RotationName::Lie.chart(), refine };
-        let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples);
+        let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.options.metric);
         let samples = Sampler::new(photo.model.mesh, &*photo.model.signal).sample(view, &photo.levels[0], &sampling)?;
         let background = photo.model.signal.bins() as u16;
         let surface = samples.bins.iter().filter(|&&bin| bin != background).count();
@@ -168,6 +168,9 @@ fn regions(view: &View, samples: &SurfaceSamples) -> Vec<SurfaceSamples> {
             points: indices().map(|i| samples.points[i]).collect(),
             bins: indices().map(|i| samples.bins[i]).collect(),
             covered: samples.covered,
+            shading: indices().map_while(|i| samples.shading.get(i).copied()).collect(),
+            needles: samples.needles.clone(),
+            contour: samples.contour.clone(),
         }
     };
     regions.into_iter().map(without).collect()
@@ -385,7 +388,8 @@ mod tests {
     fn regions_hold_as_many_samples_each_and_lie_together() {
         let view = View { camera: Camera::ideal(64, 48, 60.0), pose: Pose::identity() };
         let points = (0..1600).map(|i| Point3::new(f64::from(i % 40) / 60.0, f64::from(i / 40) / 80.0, 1.0));
-        let samples = SurfaceSamples { points: points.collect(), bins: vec![0; 1600], covered: 1600 };
+        let samples =
+            SurfaceSamples { points: points.collect(), bins: vec![0; 1600], covered: 1600, ..Default::default() };
         let rests = regions(&view, &samples);
         assert_eq!(rests.len(), REGIONS);
         assert!(rests.iter().all(|rest| rest.points.len() == 1500 && rest.bins.len() == 1500));

@@ -22,6 +22,7 @@ fn scene() -> (Mesh, Photo, View) {
         luma: vec![0.5; 301 * 201],
         rgb: vec![[128; 3]; 301 * 201],
         focal_35mm: None,
+        mask: None,
     };
     let pose = Pose::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 4.0) - middle);
     (mesh, photo, View { camera: Camera::ideal(301, 201, 200.0), pose })

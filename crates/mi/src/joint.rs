@@ -7,22 +7,23 @@
 pub struct Joint {
     model_bins: usize,
     photo_bins: usize,
+    mass: f64,
     cells: Vec<f64>,
 }
 
 impl Joint {
-    /// A table from unnormalized, non-negative masses, row by row.
+    /// A table from unnormalized, non-negative masses, row by row. Where masses are counts, their sum is the number of samples.
     ///
     /// # Panics
     /// If the number of masses is not a multiple of `model_bins`, or `model_bins` is zero.
     #[must_use]
     pub fn from_masses(model_bins: usize, mut masses: Vec<f64>) -> Self {
         assert!(model_bins > 0 && masses.len().is_multiple_of(model_bins), "a joint table is a full rectangle");
-        let total: f64 = masses.iter().sum();
-        if total > 0.0 {
-            masses.iter_mut().for_each(|mass| *mass /= total);
+        let mass: f64 = masses.iter().sum();
+        if mass > 0.0 {
+            masses.iter_mut().for_each(|cell| *cell /= mass);
         }
-        Self { model_bins, photo_bins: masses.len() / model_bins, cells: masses }
+        Self { model_bins, photo_bins: masses.len() / model_bins, mass, cells: masses }
     }
 
     /// The number of model bins (rows).
@@ -35,6 +36,12 @@ impl Joint {
     #[must_use]
     pub fn photo_bins(&self) -> usize {
         self.photo_bins
+    }
+
+    /// The sum of the masses it was made of: the number of samples.
+    #[must_use]
+    pub fn mass(&self) -> f64 {
+        self.mass
     }
 
     /// `p(u, v)`, row by row.
@@ -51,16 +58,34 @@ impl Joint {
     /// `p(u)`, the density of the model's bins.
     #[must_use]
     pub fn model_marginal(&self) -> Vec<f64> {
-        self.rows().map(|row| row.iter().sum()).collect()
+        row_sums(&self.cells, self.photo_bins)
     }
 
     /// `p(v)`, the density of the photo's bins.
     #[must_use]
     pub fn photo_marginal(&self) -> Vec<f64> {
-        let mut marginal = vec![0.0; self.photo_bins];
-        for row in self.rows() {
-            marginal.iter_mut().zip(row).for_each(|(sum, p)| *sum += p);
-        }
-        marginal
+        column_sums(&self.cells, self.photo_bins)
     }
+
+    /// The density with the same marginals in which the model tells nothing of the photo: `p(u) p(v)`.
+    #[must_use]
+    pub fn independent(&self) -> Self {
+        let photo = self.photo_marginal();
+        let cells = self.model_marginal().iter().flat_map(|u| photo.iter().map(move |v| u * v)).collect();
+        Self { cells, ..*self }
+    }
+}
+
+/// The sums over the rows of a table of so many columns.
+pub(crate) fn row_sums(cells: &[f64], columns: usize) -> Vec<f64> {
+    cells.chunks_exact(columns).map(|row| row.iter().sum()).collect()
+}
+
+/// The sums over its columns.
+pub(crate) fn column_sums(cells: &[f64], columns: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; columns];
+    for row in cells.chunks_exact(columns) {
+        sums.iter_mut().zip(row).for_each(|(sum, p)| *sum += p);
+    }
+    sums
 }

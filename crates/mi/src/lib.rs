@@ -17,21 +17,50 @@
 //! let samples = Samples { model: &model, photo: &photo };
 //! let density = Parzen { model_bins: 2, photo_bins: 32 };
 //! let joint = density.estimate(&samples);
-//! assert!((MutualInformation.value(&joint) - 2f64.ln()).abs() < 1e-9);
+//! assert!((MutualInformation.value(&joint) - 2f64.ln()).abs() < 1e-6);
 //! let scores = density.scores(&samples, &MutualInformation.derivative(&joint));
 //! assert_eq!(scores.len(), samples.len());
 //! ```
 
 mod density;
+mod emma;
+mod entropy;
+mod hessian;
+mod histogram;
 mod joint;
 mod metric;
+mod moments;
 mod mutual;
+mod orientation;
+mod partial_volume;
 mod parzen;
+mod ranks;
+mod real;
 mod samples;
+mod soft;
+mod spline;
 
-pub use density::Density;
+pub use density::{Density, TwiceDifferentiable};
+pub use emma::{Emma, Evaluation, Points};
+pub use entropy::{
+    ConditionalEntropy, Entropies, EntropyCorrelation, EntropyFunction, EntropyMetric, MillerMadow, MutualInformation,
+    NormalizedMutualInformation,
+};
+pub use hessian::hessian;
+pub use histogram::Histogram;
 pub use joint::Joint;
-pub use metric::{ConditionalEntropy, EntropyCorrelation, Metric, MutualInformation, NormalizedMutualInformation};
+pub use metric::{Metric, Product, Sum};
+pub use moments::{Correlation, CorrelationRatio, SquaredDifference};
 pub use mutual::{Mutual, PhotoPair};
+pub use orientation::{Agreement, EdgeAgreement};
+pub use partial_volume::{BinnedPhoto, PartialVolume, Places, Sharing};
 pub use parzen::Parzen;
+pub use ranks::ranks;
+pub use real::Real;
 pub use samples::Samples;
+pub use soft::{SoftParzen, SoftSamples};
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,119 +1,102 @@
-//! Metrics as functions of the joint density: a value, and the table of its derivatives by cell.
-//!
-//! The derivatives are those along changes that keep the density of the model's bins and the total mass, which is all
-//! that moving samples with fixed attributes can do: terms constant along a row of the table are left out. An empty cell
-//! has derivative zero: no sample's window touches it.
+//! What every metric does: a value as a function of the joint density, and the table of its derivatives by cell; and sums and
+//! products of metrics.
 
 use crate::Joint;
 
 /// A measure of how well the model's bins predict the photo; larger is better.
+///
+/// Derivatives are along changes that keep the total mass: they are told up to a constant common to all cells. An empty cell
+/// has derivative zero: no sample's window touches it.
 pub trait Metric: Sync {
     /// The value, larger for a better agreement.
     fn value(&self, joint: &Joint) -> f64;
 
-    /// `∂value/∂p(u, v)` for each cell, row by row, up to terms constant along a row.
+    /// `∂value/∂p(u, v)` for each cell, row by row.
     fn derivative(&self, joint: &Joint) -> Vec<f64>;
-}
 
-/// Mutual information `I(U; V) = H(U) + H(V) − H(U, V)`, in nats (the thesis' equation 3.1).
-///
-/// Source: P. Viola and W. Wells, *Alignment by maximization of mutual information*, IJCV 24(2), 1997.
-/// `∂I/∂p(u, v) = ln(p(u, v) / p(v))` up to row constants.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct MutualInformation;
+    /// How much the value changes with the samples' mean log-likelihood: 1 for a metric in nats.
+    ///
+    /// The scores of a log-likelihood have the curvature `Σ s² g gᵀ` (the empirical Fisher matrix); those of a metric that is
+    /// `a` times one, `Σ s² g gᵀ / a`.
+    fn unit(&self, joint: &Joint) -> f64;
 
-/// Normalized mutual information `(H(U) + H(V)) / H(U, V)`, between 1 and 2.
-///
-/// Source: C. Studholme, D. Hill, D. Hawkes, *An overlap invariant entropy measure of 3D medical image alignment*,
-/// Pattern Recognition 32(1), 1999. The normalized information distance is `2 − NMI`: the same objective.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NormalizedMutualInformation;
-
-/// The entropy correlation coefficient `2 I(U; V) / (H(U) + H(V))`, between 0 and 1.
-///
-/// Source: F. Maes et al., *Multimodality image registration by maximization of mutual information*, IEEE TMI 16(2), 1997.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct EntropyCorrelation;
-
-/// Minus the conditional entropy `H(V | U) = H(U, V) − H(U)`, in nats: how certainly the model predicts the photo.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ConditionalEntropy;
-
-impl Metric for MutualInformation {
-    fn value(&self, joint: &Joint) -> f64 {
-        let Entropies { model, photo, both } = entropies(joint);
-        model + photo - both
-    }
-
-    fn derivative(&self, joint: &Joint) -> Vec<f64> {
-        combine(joint, -1.0, 1.0)
+    /// The second derivatives `Σ Σ ∂²value/∂p∂p' dp_k dp'_l` along `K` tables of changes of the density, as `K × K` numbers;
+    /// `None` for a metric that does not tell them.
+    fn bend(&self, joint: &Joint, changes: &[Vec<f64>]) -> Option<Vec<f64>> {
+        let _ = (joint, changes);
+        None
     }
 }
 
-impl Metric for NormalizedMutualInformation {
+/// The sum of two metrics.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sum<A, B>(
+    /// The first.
+    pub A,
+    /// The second.
+    pub B,
+);
+
+/// The product of two metrics, for ones that are never negative.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Product<A, B>(
+    /// The first.
+    pub A,
+    /// The second.
+    pub B,
+);
+
+impl<A: Metric, B: Metric> Metric for Sum<A, B> {
     fn value(&self, joint: &Joint) -> f64 {
-        let Entropies { model, photo, both } = entropies(joint);
-        if both > 0.0 { (model + photo) / both } else { 1.0 }
+        self.0.value(joint) + self.1.value(joint)
     }
 
     fn derivative(&self, joint: &Joint) -> Vec<f64> {
-        let Entropies { model, photo, both } = entropies(joint);
-        if both > 0.0 {
-            combine(joint, -(model + photo) / (both * both), 1.0 / both)
-        } else {
-            vec![0.0; joint.cells().len()]
+        blend(1.0, self.0.derivative(joint), 1.0, &self.1.derivative(joint))
+    }
+
+    fn unit(&self, joint: &Joint) -> f64 {
+        self.0.unit(joint) + self.1.unit(joint)
+    }
+
+    fn bend(&self, joint: &Joint, changes: &[Vec<f64>]) -> Option<Vec<f64>> {
+        Some(blend(1.0, self.0.bend(joint, changes)?, 1.0, &self.1.bend(joint, changes)?))
+    }
+}
+
+impl<A: Metric, B: Metric> Metric for Product<A, B> {
+    fn value(&self, joint: &Joint) -> f64 {
+        self.0.value(joint) * self.1.value(joint)
+    }
+
+    fn derivative(&self, joint: &Joint) -> Vec<f64> {
+        blend(self.1.value(joint), self.0.derivative(joint), self.0.value(joint), &self.1.derivative(joint))
+    }
+
+    fn unit(&self, joint: &Joint) -> f64 {
+        self.1.value(joint) * self.0.unit(joint) + self.0.value(joint) * self.1.unit(joint)
+    }
+
+    fn bend(&self, joint: &Joint, changes: &[Vec<f64>]) -> Option<Vec<f64>> {
+        let (a, b) = (self.1.value(joint), self.0.value(joint));
+        let mut bend = blend(a, self.0.bend(joint, changes)?, b, &self.1.bend(joint, changes)?);
+        let (first, second) = (self.0.derivative(joint), self.1.derivative(joint));
+        let along = |table: &[f64]| -> Vec<f64> { changes.iter().map(|change| dot(table, change)).collect() };
+        let (first, second) = (along(&first), along(&second));
+        for (k, row) in bend.chunks_exact_mut(changes.len()).enumerate() {
+            for (l, cell) in row.iter_mut().enumerate() {
+                *cell += first[k] * second[l] + second[k] * first[l];
+            }
         }
+        Some(bend)
     }
 }
 
-impl Metric for EntropyCorrelation {
-    fn value(&self, joint: &Joint) -> f64 {
-        let Entropies { model, photo, both } = entropies(joint);
-        if model + photo > 0.0 { 2.0 - 2.0 * both / (model + photo) } else { 0.0 }
-    }
-
-    fn derivative(&self, joint: &Joint) -> Vec<f64> {
-        let Entropies { model, photo, both } = entropies(joint);
-        let sum = model + photo;
-        if sum > 0.0 { combine(joint, -2.0 / sum, 2.0 * both / (sum * sum)) } else { vec![0.0; joint.cells().len()] }
-    }
+fn blend(a: f64, mut first: Vec<f64>, b: f64, second: &[f64]) -> Vec<f64> {
+    first.iter_mut().zip(second).for_each(|(x, y)| *x = a * *x + b * y);
+    first
 }
 
-impl Metric for ConditionalEntropy {
-    fn value(&self, joint: &Joint) -> f64 {
-        let Entropies { model, both, .. } = entropies(joint);
-        model - both
-    }
-
-    fn derivative(&self, joint: &Joint) -> Vec<f64> {
-        combine(joint, -1.0, 0.0)
-    }
-}
-
-struct Entropies {
-    model: f64,
-    photo: f64,
-    both: f64,
-}
-
-fn entropies(joint: &Joint) -> Entropies {
-    Entropies {
-        model: entropy(&joint.model_marginal()),
-        photo: entropy(&joint.photo_marginal()),
-        both: entropy(joint.cells()),
-    }
-}
-
-/// `−Σ p ln p`, with `0 ln 0 = 0`.
-fn entropy(density: &[f64]) -> f64 {
-    -density.iter().filter(|&&p| p > 0.0).map(|p| p * p.ln()).sum::<f64>()
-}
-
-/// The table `by_joint · ∂H(U,V)/∂p + by_photo · ∂H(V)/∂p = −by_joint · ln p(u,v) − by_photo · ln p(v)` up to constants.
-fn combine(joint: &Joint, by_joint: f64, by_photo: f64) -> Vec<f64> {
-    let log_photo: Vec<f64> = joint.photo_marginal().iter().map(|p| by_photo * p.ln()).collect();
-    let row = |row: &[f64]| -> Vec<f64> {
-        row.iter().zip(&log_photo).map(|(&p, log_v)| if p > 0.0 { -by_joint * p.ln() - log_v } else { 0.0 }).collect()
-    };
-    joint.rows().flat_map(row).collect()
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

@@ -5,7 +5,7 @@
 //! derivative is constant along a row or a column: `∂I/∂p(a, b) = ln(p(a, b) / (p(a) p(b)))` up to one constant for the table.
 
 use crate::Joint;
-use crate::parzen::{window, window_derivative};
+use crate::spline::cubic;
 use rayon::prelude::*;
 
 /// A joint histogram of two photos, smoothed by a cubic B-spline along both axes.
@@ -113,8 +113,9 @@ impl PhotoPair {
         let below = (bin as usize).min(self.bins - 3);
         let t = bin - below as f64;
         let inside = (0.0..=1.0).contains(&value);
-        let slopes = if inside { window_derivative(t).map(|slope| scale * slope) } else { [0.0; 4] };
-        Window { first: below - 1, weights: window(t), slopes }
+        let (weights, slopes) = cubic(t);
+        let slopes = if inside { slopes.map(|slope| scale * slope) } else { [0.0; 4] };
+        Window { first: below - 1, weights, slopes }
     }
 }
 

@@ -4,8 +4,12 @@
 //!
 //! `p(u, v) = 1/N Σ_i [u_i = u] β(b_i − v)` with `β` the cubic B-spline and `b_i` the photo value in units of bins. `β`
 //! is twice differentiable and its shifts sum to one, so the estimate moves smoothly with the values and keeps its mass.
+//!
+//! Between two bins the windows are cubic polynomials of the place `t` between them. So a pass over the samples adds
+//! `(1, t, t², t³)` to the moments of an interval, and windows are weighed once an interval, not once a sample; on the way back
+//! each interval has one polynomial of `t`.
 
-use crate::{Density, Joint, Samples};
+use crate::{Density, Joint, Real, Samples, TwiceDifferentiable};
 use rayon::prelude::*;
 
 /// A joint histogram, hard in the model's bins and smoothed by a cubic B-spline in the photo's.
@@ -20,87 +24,207 @@ pub struct Parzen {
     pub photo_bins: usize,
 }
 
-/// Samples summed by one task: fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 8192;
+/// Samples summed by one task, or as many as there are cells if that is more: fixed, so that sums do not depend on the
+/// number of threads.
+const CHUNK: usize = 1 << 14;
+
+/// Samples whose places are computed together.
+const BLOCK: usize = 64;
+
+/// The windows of the four bins around an interval as polynomials of the place in it: `WINDOWS[j][k]` counts `t^k` of bin `j`.
+pub(crate) const WINDOWS: [[f64; 4]; 4] = [
+    [1.0 / 6.0, -0.5, 0.5, -1.0 / 6.0],
+    [2.0 / 3.0, 0.0, -1.0, 0.5],
+    [1.0 / 6.0, 0.5, 0.5, -0.5],
+    [0.0, 0.0, 0.0, 1.0 / 6.0],
+];
 
 impl Parzen {
-    fn columns(self) -> usize {
+    /// The photo value at the centre of each column: in units of bins they are `-1, 0, 1, …`, and that of the last, which is
+    /// outside, is NaN.
+    #[must_use]
+    pub fn photo_values(&self) -> Vec<f64> {
+        let value = |column: usize| (column as f64 - 1.0) / self.scale();
+        (0..self.photo_bins).map(value).chain([f64::NAN]).collect()
+    }
+
+    fn columns(&self) -> usize {
         self.photo_bins + 1
     }
 
+    /// Intervals between bins, each with four bins around it.
+    fn intervals(&self) -> usize {
+        self.photo_bins - 3
+    }
+
     /// Bins per unit of photo value.
-    fn scale(self) -> f64 {
-        (self.photo_bins - 3) as f64
+    fn scale(&self) -> f64 {
+        self.intervals() as f64
     }
 
-    /// The first of the four bins that `value` touches, and its place (0..=1) between the second and the third.
+    /// The cells of a row of intervals: one more for the samples outside.
+    fn stride(&self) -> usize {
+        self.intervals() + 1
+    }
+
+    fn chunk(&self) -> usize {
+        CHUNK.max(self.model_bins * self.stride())
+    }
+
+    /// The cells of the intervals that a block of samples is in, and the places there (0..=1).
     #[inline]
-    fn place(self, value: f32) -> (usize, f64) {
-        let bin = 1.0 + f64::from(value.clamp(0.0, 1.0)) * self.scale();
-        let below = (bin as usize).min(self.photo_bins - 3);
-        (below - 1, bin - below as f64)
+    fn places<T: Real>(&self, model: &[u16], photo: &[T], cells: &mut [u32; BLOCK], places: &mut [T; BLOCK]) {
+        let scale = T::of(self.scale());
+        let (stride, last) = (self.stride() as u32, self.intervals() as u32 - 1);
+        let one = T::of(1.0);
+        for (((&u, &v), cell), place) in model.iter().zip(photo).zip(cells).zip(places) {
+            let (interval, t) = (v.unit() * scale).split();
+            // The upper end of the range belongs to the last interval.
+            let is_end = interval > last;
+            let (interval, t) = (if is_end { last } else { interval }, if is_end { one } else { t });
+            let is_outside = v.is_missing();
+            *cell = u32::from(u) * stride + if is_outside { stride - 1 } else { interval };
+            *place = t;
+        }
     }
-}
 
-impl Density for Parzen {
-    fn estimate(&self, samples: &Samples) -> Joint {
+    /// Adds up moments over the samples, interval by interval, and weighs the windows: `Σ_i rate_i β^(order)(b_i − v)`.
+    fn pass<T: Real>(
+        &self,
+        samples: &Samples<T>,
+        moments: impl Fn(usize, T) -> [T; 4] + Sync,
+        windows: &[[f64; 4]; 4],
+    ) -> Vec<f64> {
         assert!(self.photo_bins >= 4, "a cubic window spans four photo bins");
-        let columns = self.columns();
-        let tables: Vec<Vec<f64>> = (samples.model.par_chunks(CHUNK), samples.photo.par_chunks(CHUNK))
+        let (chunk, stride) = (self.chunk(), self.stride());
+        let cells = self.model_bins * stride;
+        let tables: Vec<Vec<[T; 4]>> = (samples.model.par_chunks(chunk), samples.photo.par_chunks(chunk))
             .into_par_iter()
-            .map(|(model, photo)| {
-                let mut table = vec![0.0; self.model_bins * columns];
-                for (&u, &v) in model.iter().zip(photo) {
-                    let row = &mut table[usize::from(u) * columns..][..columns];
-                    if v.is_nan() {
-                        row[self.photo_bins] += 1.0;
-                        continue;
+            .enumerate()
+            .map(|(index, (model, photo))| {
+                // Neighbours are often alike: two tables in turn, or each would wait for the sum of the one before.
+                let mut table = vec![[T::default(); 4]; 2 * cells];
+                let (even, odd) = table.split_at_mut(cells);
+                let (mut at, mut places) = ([0; BLOCK], [T::default(); BLOCK]);
+                for (block, (model, photo)) in model.chunks(BLOCK).zip(photo.chunks(BLOCK)).enumerate() {
+                    self.places(model, photo, &mut at, &mut places);
+                    let first = index * chunk + block * BLOCK;
+                    let add = |table: &mut [[T; 4]], i: usize| {
+                        let moments = moments(first + i, places[i]);
+                        let cell = &mut table[at[i] as usize];
+                        *cell = std::array::from_fn(|k| cell[k] + moments[k]);
+                    };
+                    let count = model.len();
+                    for i in (0..count & !1).step_by(2) {
+                        add(even, i);
+                        add(odd, i + 1);
                     }
-                    let (first, t) = self.place(v);
-                    row[first..first + 4].iter_mut().zip(window(t)).for_each(|(cell, weight)| *cell += weight);
+                    if count % 2 == 1 {
+                        add(even, count - 1);
+                    }
                 }
                 table
             })
             .collect();
-        let mut masses = vec![0.0; self.model_bins * columns];
+        let mut sums = vec![[0.0; 4]; cells];
         for table in tables {
-            masses.iter_mut().zip(table).for_each(|(sum, mass)| *sum += mass);
+            for half in table.chunks_exact(cells) {
+                for (sum, cell) in sums.iter_mut().zip(half) {
+                    (0..4).for_each(|k| sum[k] += cell[k].into());
+                }
+            }
         }
-        Joint::from_masses(self.model_bins, masses)
+        let columns = self.columns();
+        let mut masses = vec![0.0; self.model_bins * columns];
+        for (row, cells) in masses.chunks_exact_mut(columns).zip(sums.chunks_exact(stride)) {
+            for (interval, cell) in cells[..stride - 1].iter().enumerate() {
+                for (mass, window) in row[interval..].iter_mut().zip(windows) {
+                    *mass += (0..4).map(|k| window[k] * cell[k]).sum::<f64>();
+                }
+            }
+            row[self.photo_bins] = cells[stride - 1][0];
+        }
+        masses
     }
 
-    fn scores(&self, samples: &Samples, derivative: &[f64]) -> Vec<f32> {
-        let columns = self.columns();
+    /// The polynomial `Σ_v D(u, v) β^(order)(b − v)` of the place in each interval, for each sample at its own place; zero
+    /// outside the photo and where the value was clamped.
+    fn pull_back<T: Real>(&self, samples: &Samples<T>, derivative: &[f64], windows: &[[f64; 4]; 4]) -> Vec<T> {
+        let (columns, stride) = (self.columns(), self.stride());
         assert_eq!(derivative.len(), self.model_bins * columns, "one derivative for each cell of the estimate");
-        let scale = self.scale();
-        let mut scores = vec![0.0; samples.len()];
-        (samples.model.par_chunks(CHUNK), samples.photo.par_chunks(CHUNK), scores.par_chunks_mut(CHUNK))
+        let mut polynomials = vec![[T::default(); 4]; self.model_bins * stride];
+        for (row, cells) in derivative.chunks_exact(columns).zip(polynomials.chunks_exact_mut(stride)) {
+            for (interval, cell) in cells[..stride - 1].iter_mut().enumerate() {
+                let around = &row[interval..interval + 4];
+                *cell = std::array::from_fn(|k| T::of((0..4).map(|j| around[j] * windows[j][k]).sum()));
+            }
+        }
+        let (zero, one) = (T::default(), T::of(1.0));
+        let mut scores = vec![zero; samples.len()];
+        let chunk = self.chunk();
+        (samples.model.par_chunks(chunk), samples.photo.par_chunks(chunk), scores.par_chunks_mut(chunk))
             .into_par_iter()
             .for_each(|(model, photo, scores)| {
-                for ((&u, &v), score) in model.iter().zip(photo).zip(scores) {
-                    if !(0.0..=1.0).contains(&v) {
-                        continue; // outside the photo, or clamped: no derivative
+                let (mut at, mut places) = ([0; BLOCK], [zero; BLOCK]);
+                let blocks = model.chunks(BLOCK).zip(photo.chunks(BLOCK)).zip(scores.chunks_mut(BLOCK));
+                for ((model, photo), scores) in blocks {
+                    self.places(model, photo, &mut at, &mut places);
+                    for (((score, &v), &cell), &t) in scores.iter_mut().zip(photo).zip(&at).zip(&places) {
+                        let [a, b, c, _] = polynomials[cell as usize];
+                        let slope = a + t * (b + t * c);
+                        *score = if (v >= zero) & (v <= one) { slope } else { zero };
                     }
-                    let (first, t) = self.place(v);
-                    let row = &derivative[usize::from(u) * columns + first..][..4];
-                    let slope: f64 = row.iter().zip(window_derivative(t)).map(|(d, w)| d * w).sum();
-                    *score = (slope * scale) as f32;
                 }
             });
         scores
     }
 }
 
-/// The cubic B-spline at the four bins around a value that lies `t` (0..=1) after the second.
-#[inline]
-pub(crate) fn window(t: f64) -> [f64; 4] {
-    let s = 1.0 - t;
-    [s * s * s / 6.0, 2.0 / 3.0 - t * t * (1.0 - 0.5 * t), 2.0 / 3.0 - s * s * (1.0 - 0.5 * s), t * t * t / 6.0]
+/// The windows' derivatives by the place, times a factor, `order` times.
+fn differentiated(factor: f64, order: usize) -> [[f64; 4]; 4] {
+    let slope = |w: [f64; 4]| [factor * w[1], factor * 2.0 * w[2], factor * 3.0 * w[3], 0.0];
+    let mut windows = WINDOWS;
+    for _ in 0..order {
+        windows = windows.map(slope);
+    }
+    windows
 }
 
-/// The derivative of [`window`] by `t`.
-#[inline]
-pub(crate) fn window_derivative(t: f64) -> [f64; 4] {
-    let s = 1.0 - t;
-    [-0.5 * s * s, t * (1.5 * t - 2.0), -s * (1.5 * s - 2.0), 0.5 * t * t]
+impl<T: Real> Density<Samples<'_, T>> for Parzen {
+    type Score = T;
+
+    fn estimate(&self, samples: &Samples<T>) -> Joint {
+        let one = T::of(1.0);
+        let mut masses = self.pass(samples, |_, t| [one, t, t * t, t * t * t], &WINDOWS);
+        // Moments round: an empty cell can come out below zero by the last digit.
+        masses.iter_mut().for_each(|mass| *mass = mass.max(0.0));
+        Joint::from_masses(self.model_bins, masses)
+    }
+
+    fn scores(&self, samples: &Samples<T>, derivative: &[f64]) -> Vec<T> {
+        self.pull_back(samples, derivative, &differentiated(self.scale(), 1))
+    }
+}
+
+impl<T: Real> TwiceDifferentiable<Samples<'_, T>> for Parzen {
+    fn along(&self, samples: &Samples<T>, rates: &[f64]) -> Vec<f64> {
+        assert_eq!(rates.len(), samples.len(), "one rate a sample");
+        let (zero, one) = (T::default(), T::of(1.0));
+        let moments = |i: usize, t: T| {
+            let v = samples.photo[i];
+            let rate = if v >= zero && v <= one { T::of(rates[i]) } else { zero };
+            [rate, rate * t, rate * t * t, zero]
+        };
+        let mut table = self.pass(samples, moments, &differentiated(self.scale(), 1));
+        let share = 1.0 / samples.len().max(1) as f64;
+        for row in table.chunks_exact_mut(self.columns()) {
+            row.iter_mut().for_each(|cell| *cell *= share);
+            row[self.photo_bins] = 0.0;
+        }
+        table
+    }
+
+    fn second_scores(&self, samples: &Samples<T>, derivative: &[f64]) -> Vec<T> {
+        self.pull_back(samples, derivative, &differentiated(self.scale(), 2))
+    }
 }

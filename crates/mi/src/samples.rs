@@ -2,14 +2,14 @@
 
 /// Pairs of a model bin and a photo value, as two slices of equal length.
 #[derive(Clone, Copy, Debug)]
-pub struct Samples<'a> {
+pub struct Samples<'a, T = f32> {
     /// What the model predicts: the index of a bin, `0..model_bins`.
     pub model: &'a [u16],
     /// What the photo shows, in `0.0..=1.0` (values outside are clamped); NaN where the sample fell outside the photo.
-    pub photo: &'a [f32],
+    pub photo: &'a [T],
 }
 
-impl Samples<'_> {
+impl<T> Samples<'_, T> {
     /// The number of pairs.
     ///
     /// # Panics

@@ -134,9 +134,9 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
         if starts.exists() { serde_json::from_slice::<Starts>(&std::fs::read(&starts)?)?.starts } else { Vec::new() };
     let mut runs = Vec::new();
     let model = Model::new(&mesh, &arguments.signal)?;
-    let options = Options::default();
-    let focal = Options { refine: Refine { focal: true, ..Refine::default() }, ..Options::default() };
-    let all = Options { refine: Refine { focal: true, principal: true, distortion: true }, ..Options::default() };
+    let options = Options { metric: arguments.metric, channel: arguments.channel, ..Options::default() };
+    let focal = Options { refine: Refine { focal: true, ..Refine::default() }, ..options };
+    let all = Options { refine: Refine { focal: true, principal: true, distortion: true }, ..options };
     for true_photo in &truth.photos {
         let photo = Photo::load(folder.join(&true_photo.file))?;
         let fixed = Registration::new(&model, &photo, &options);
