@@ -57,7 +57,7 @@ pub fn register(
 pub struct Registration<'a> {
     pub(crate) model: &'a Model<'a>,
     photo: &'a Photo,
-    options: &'a Options,
+    pub(crate) options: &'a Options,
     density: Parzen,
     /// The photo, full size first.
     pub(crate) levels: Vec<Level>,

@@ -14,6 +14,7 @@ use crate::parameters::{Dense, ViewSpace};
 use nalgebra::DVector;
 use std::ops::Range;
 use texreg_camera::View;
+use texreg_mi::Real;
 use texreg_optim::{Arrow, Curvature, Derivatives, Manifold, Objective, Pair};
 
 /// The views of several photos, whose cameras are their own or the same for all.
@@ -64,16 +65,16 @@ impl Manifold<Vec<View>> for RigSpace<'_> {
 }
 
 /// The metric over the views of several photos.
-pub(crate) struct RigObjective<'a> {
+pub(crate) struct RigObjective<'a, T = f32> {
     pub(crate) space: &'a RigSpace<'a>,
     /// One a photo; they weigh the prior of their cameras where these are not shared.
-    pub(crate) photos: Vec<PhotoObjective<'a>>,
+    pub(crate) photos: Vec<PhotoObjective<'a, T>>,
     pub(crate) pairs: Vec<PairObjective<'a>>,
     /// What is known of the shared camera.
     pub(crate) prior: Option<Prior>,
 }
 
-impl Objective<Vec<View>> for RigObjective<'_> {
+impl<T: Real> Objective<Vec<View>> for RigObjective<'_, T> {
     fn value(&mut self, at: &Vec<View>) -> Option<f64> {
         let mut value = 0.0;
         for (photo, view) in self.photos.iter_mut().zip(at) {
@@ -198,7 +199,7 @@ mod tests {
             let weight = if shared { 0.0 } else { 1e-2 };
             let photos = levels
                 .iter()
-                .map(|level| PhotoObjective::new(&samples, level, &density, metric, &view_space, prior(weight)));
+                .map(|level| PhotoObjective::<f64>::new(&samples, level, &density, metric, &view_space, prior(weight)));
             let pairs =
                 overlaps.iter().map(|overlap| PairObjective::new(overlap, overlap.photos.map(|photo| &levels[photo])));
             let mut objective = RigObjective {
@@ -215,7 +216,7 @@ mod tests {
             assert!(curvature.symmetric_eigenvalues().min() > -1e-9 * curvature.amax());
             let own = space.own();
             for k in 0..space.dimension() {
-                // Values are of single precision: each step moves the picture by a hundredth of a pixel or so.
+                // Values of pairs are of single precision: each step moves the picture by a hundredth of a pixel or so.
                 let pose = rotation.chart().dimension() + 3;
                 let camera = if k < 3 * own { (k % own).checked_sub(pose) } else { Some(k - 3 * own) };
                 let reach = match camera {
