@@ -27,7 +27,7 @@ pub struct EntropyFunction {
 }
 
 /// A metric that is a function of the entropies alone.
-pub trait EntropyMetric: Sync {
+pub trait EntropyMetric: Send + Sync {
     /// The function at some entropies.
     fn at(&self, entropies: &Entropies) -> EntropyFunction;
 }

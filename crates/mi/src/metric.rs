@@ -7,7 +7,7 @@ use crate::Joint;
 ///
 /// Derivatives are along changes that keep the total mass: they are told up to a constant common to all cells. An empty cell
 /// has derivative zero: no sample's window touches it.
-pub trait Metric: Sync {
+pub trait Metric: Send + Sync {
     /// The value, larger for a better agreement.
     fn value(&self, joint: &Joint) -> f64;
 
