@@ -11,8 +11,11 @@ use crate::args::Signals;
 use crate::inputs::model;
 use crate::output::{print, table};
 
-/// The properties of the file, and what computes them unless the model has them already.
-const PROPERTIES: [(&str, fn(&Mesh) -> &[f32]); 2] =
+/// Computes a value for each vertex, unless the model has them already.
+type Compute = fn(&Mesh) -> &[f32];
+
+/// The properties of the file, and what computes them.
+const PROPERTIES: [(&str, Compute); 2] =
     [("ambient_occlusion", Mesh::ambient_occlusion), ("mean_curvature", Mesh::mean_curvature)];
 
 pub(crate) fn run(args: &Signals, json: bool) -> anyhow::Result<Ending> {
