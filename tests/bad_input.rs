@@ -195,12 +195,8 @@ fn a_truncated_model() {
 #[test]
 fn a_model_of_another_format() {
     let bench = Bench::new();
-    fs::copy(bench.path("photo.png"), bench.path("model.stl")).unwrap();
-    bench.run("register model.stl photo.png --init init.json").fails_with(&[
-        "model.stl",
-        "not a PLY or OBJ",
-        "convert",
-    ]);
+    fs::copy(bench.path("photo.png"), bench.path("model.fbx")).unwrap();
+    bench.run("register model.fbx photo.png --init init.json").fails_with(&["model.fbx", "not a PLY, OBJ", "convert"]);
 }
 
 #[test]

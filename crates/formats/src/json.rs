@@ -216,6 +216,7 @@ impl<'a> Fields<'a> {
     fn rotation(&mut self) -> Result<Rotation3<f64>, FileError> {
         let rows: [[f64; 3]; 3] = self.take("R")?;
         let r = Matrix3::from_fn(|i, j| rows[i][j]);
-        checked_rotation(&r).map_err(|cause| self.error("R", cause))
+        checked_rotation(&r)
+            .map_err(|cause| self.error("R", &format!("{cause}; texreg's have x right, y down, z forward")))
     }
 }
