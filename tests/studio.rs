@@ -15,7 +15,8 @@ use browser::Browser;
 use common::{fixture, run};
 use serde_json::Value;
 use texreg::camera::View;
-use texreg::driver::{read_cameras, read_pairs, read_truth};
+use texreg::driver::read_truth;
+use texreg::formats::{read_cameras, read_pairs};
 
 const DELETE: &str = "\u{e017}";
 const ESCAPE: &str = "\u{e00c}";

@@ -1,7 +1,8 @@
 //! `texreg evaluate`: scores cameras against the true ones.
 
 use serde_json::{Value, json};
-use texreg::driver::{Score, TruePhoto, base_name, read_cameras, read_truth, score};
+use texreg::driver::{Score, TruePhoto, read_truth, score};
+use texreg::formats::{base_name, read_cameras};
 
 use crate::Ending;
 use crate::args::Evaluate;

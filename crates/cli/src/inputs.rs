@@ -6,10 +6,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
 use texreg::camera::{Camera, View};
-use texreg::driver::{
-    CameraFile, FEWEST_PAIRS, Lens, LensFile, PairsEntry, Photo, PhotoError, base_name, pose_from_pairs, read_cameras,
-    read_lenses, read_pairs,
-};
+use texreg::driver::{FEWEST_PAIRS, Photo, PhotoError, pose_from_pairs};
+use texreg::formats::{CameraFile, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs};
 use texreg::posit::{Correspondence, Solution};
 use texreg::surface::{self, Mesh};
 

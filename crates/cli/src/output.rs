@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
-use texreg::driver::write_atomic;
+use texreg::formats::write_atomic;
 
 use crate::inputs::cause;
 

@@ -1,7 +1,8 @@
 //! `texreg pose`: cameras from point pairs alone.
 
 use serde_json::{Value, json};
-use texreg::driver::{CameraEntry, CameraFile, Panel, overlay, write_cameras};
+use texreg::driver::{Panel, overlay};
+use texreg::formats::{CameraEntry, CameraFile, write_cameras};
 use texreg::posit::Solution;
 
 use crate::Ending;

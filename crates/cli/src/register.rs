@@ -8,9 +8,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    CameraEntry, CameraFile, Event, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status,
-    motion, overlay, register, register_jointly, search, write_cameras,
+    Event, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status, motion, overlay,
+    register, register_jointly, search,
 };
+use texreg::formats::{CameraEntry, CameraFile, write_cameras};
 use texreg::surface::Mesh;
 
 use crate::Ending;

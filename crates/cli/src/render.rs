@@ -4,7 +4,8 @@ use std::io::Cursor;
 
 use image::ImageFormat;
 use serde_json::json;
-use texreg::driver::{base_name, layer, read_cameras};
+use texreg::driver::layer;
+use texreg::formats::{base_name, read_cameras};
 use texreg::surface::{NoSuchSignal, Signal, SignalName, joint_signal};
 
 use crate::Ending;

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use texreg::driver::write_atomic;
+use texreg::formats::write_atomic;
 use texreg::surface::Mesh;
 
 use crate::Ending;

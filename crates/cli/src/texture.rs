@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{anyhow, bail};
 use serde_json::json;
-use texreg::driver::{CameraEntry, CameraFile, Photo, base_name, read_cameras, write_atomic};
+use texreg::driver::Photo;
+use texreg::formats::{CameraEntry, CameraFile, base_name, read_cameras, write_atomic};
 use texreg::surface::Mesh;
 use texreg::texture::{self, Glb, Options, Pixels, Source, Textured, texture};
 

@@ -49,11 +49,6 @@ pub use pairs::{FEWEST_PAIRS, PairFit, fit_of_pairs, pose_and_focal_from_pairs, 
 pub use parameters::Refine;
 pub use photo::{Photo, PhotoError};
 pub use register::{Registration, register, search};
-// The files of cameras are the door of the same house.
-pub use texreg_formats::{
-    CameraEntry, CameraFile, FileError, Lens, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs,
-    write_atomic, write_cameras, write_pairs,
-};
 pub use uncertainty::{FocalUncertainty, Uncertainty};
 pub use viewer::{Projected, Shading, Skin, Viewer, pick};
 pub use window::Window;

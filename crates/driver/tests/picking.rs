@@ -6,9 +6,10 @@ use std::sync::Arc;
 use nalgebra::{Point2, Point3};
 use texreg_camera::View;
 use texreg_driver::{
-    PairsEntry, Photo, Projected, Shading, Skin, Viewer, fit_of_pairs, outline_picture, pick,
-    pose_and_focal_from_pairs, pose_from_pairs, read_pairs, read_truth, write_pairs,
+    Photo, Projected, Shading, Skin, Viewer, fit_of_pairs, outline_picture, pick, pose_and_focal_from_pairs,
+    pose_from_pairs, read_truth,
 };
+use texreg_formats::{PairsEntry, read_pairs, write_pairs};
 use texreg_posit::{Correspondence, Solution};
 use texreg_surface::Mesh;
 

@@ -3,7 +3,8 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use texreg_driver::{Error, Model, Options, Photo, read_cameras, register};
+use texreg_driver::{Error, Model, Options, Photo, register};
+use texreg_formats::read_cameras;
 
 #[test]
 fn the_observer_can_stop_a_registration() {

@@ -4,7 +4,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use texreg_driver::FileError;
+use texreg_formats::FileError;
 
 /// Why a studio cannot be opened, in one line that names the cause and what to do.
 #[derive(Debug, thiserror::Error)]

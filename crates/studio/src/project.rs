@@ -7,9 +7,10 @@ use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
-use texreg_driver::{
-    CameraEntry, CameraFile, LensFile, PairsEntry, Status, base_name, read_cameras, read_lenses, read_pairs,
-    write_cameras, write_pairs,
+use texreg_driver::Status;
+use texreg_formats::{
+    CameraEntry, CameraFile, LensFile, PairsEntry, base_name, read_cameras, read_lenses, read_pairs, write_cameras,
+    write_pairs,
 };
 
 use crate::Error;

@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn every_click_is_on_disk_and_a_new_studio_goes_on() {
         let Fixture { app, studio, folder } = fixture();
-        let pairs = texreg_driver::read_pairs(
+        let pairs = texreg_formats::read_pairs(
             &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/nefertiti/correspondences.json"),
         );
         let pairs = pairs.unwrap().remove(0).points;
@@ -199,7 +199,7 @@ mod tests {
             let saved = std::fs::read_to_string(folder.path().join("correspondences.json")).unwrap();
             assert!(saved.contains("pending"), "{saved}");
             assert_eq!(act(&app, &json!({"do": "model", "xyz": xyz})), 200);
-            let saved = texreg_driver::read_pairs(&folder.path().join("correspondences.json")).unwrap();
+            let saved = texreg_formats::read_pairs(&folder.path().join("correspondences.json")).unwrap();
             assert_eq!(saved[0].points[..], pairs[..=i]);
         }
         assert_eq!(act(&app, &json!({"do": "rename", "pair": 1, "name": "left ear"})), 200);

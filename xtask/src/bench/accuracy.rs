@@ -18,10 +18,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use texreg::camera::View;
-use texreg::driver::{
-    Model, Options, Outcome, Photo, Refine, Registration, Status, TruePhoto, read_cameras, read_pairs, read_truth,
-    score,
-};
+use texreg::driver::{Model, Options, Outcome, Photo, Refine, Registration, Status, TruePhoto, read_truth, score};
+use texreg::formats::{read_cameras, read_pairs};
 use texreg::lie::Pose;
 use texreg::surface::Mesh;
 

@@ -13,9 +13,9 @@ use std::path::Path;
 use std::time::Instant;
 use texreg::camera::View;
 use texreg::driver::{
-    Model, Options, Outcome, Photo, Refine, Registration, Score, TruePhoto, read_cameras, read_truth, register_jointly,
-    score,
+    Model, Options, Outcome, Photo, Refine, Registration, Score, TruePhoto, read_truth, register_jointly, score,
 };
+use texreg::formats::read_cameras;
 use texreg::lie::Pose;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Report> {

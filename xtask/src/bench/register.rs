@@ -10,9 +10,8 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 use texreg::camera::View;
-use texreg::driver::{
-    CameraEntry, CameraFile, Model, Options, Photo, Registration, read_cameras, read_truth, score, write_cameras,
-};
+use texreg::driver::{Model, Options, Photo, Registration, read_truth, score};
+use texreg::formats::{CameraEntry, CameraFile, read_cameras, write_cameras};
 
 /// Milliseconds the refinement may take, and the whole program.
 const REFINEMENT: f64 = 500.0;
