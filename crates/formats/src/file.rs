@@ -1,4 +1,4 @@
-//! Files as such: what can go wrong with one, and writing it whole or not at all.
+//! Files as such: what can go wrong with one, and writing it, or several that belong together, whole or not at all.
 
 use std::fs;
 use std::io::Write as _;
@@ -41,8 +41,17 @@ pub(crate) fn read_text(path: &Path) -> Result<String, FileError> {
 
 /// Writes `bytes` to `path` all at once: under a temporary name in the same folder, which then takes the place of `path`.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let write = || -> std::io::Result<()> {
+    write_together(&[(path, bytes)])
+}
+
+/// Writes several files that belong together: all under temporary names first, which then take their places one after the other,
+/// so that a full disk or a folder that cannot be written leaves all of them as they were.
+pub(crate) fn write_together(files: &[(&Path, &[u8])]) -> Result<(), FileError> {
+    let stage = |path: &Path, bytes: &[u8]| -> std::io::Result<tempfile::NamedTempFile> {
+        if path.is_dir() {
+            return Err(std::io::ErrorKind::IsADirectory.into());
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut builder = tempfile::Builder::new();
         builder.prefix(".texreg-");
         #[cfg(unix)]
@@ -52,10 +61,14 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
         }
         let mut file = builder.tempfile_in(folder)?;
         file.write_all(bytes)?;
-        file.persist(path)?;
-        Ok(())
+        Ok(file)
     };
-    write().map_err(|e| FileError::new(path, format!("cannot be written ({})", describe(&e))))
+    let failed = |path: &Path, e: &std::io::Error| FileError::new(path, format!("cannot be written ({})", describe(e)));
+    let staged: Vec<_> = files
+        .iter()
+        .map(|(path, bytes)| stage(path, bytes).map(|file| (path, file)).map_err(|e| failed(path, &e)))
+        .collect::<Result<_, _>>()?;
+    staged.into_iter().try_for_each(|(path, file)| file.persist(path).map(drop).map_err(|e| failed(path, &e.error)))
 }
 
 /// A system error in the words of a sentence, without tempfile's path and the error's number.

@@ -1,6 +1,6 @@
 //! The formats by name: which file is of which, and what each can carry.
 
-use crate::file::{read_text, write_atomic};
+use crate::file::{read_text, write_atomic, write_together};
 use crate::{CameraFile, FileError, Lens, LensFile, Scene};
 use crate::{blender, bundler, colmap, gltf, json, metashape, mlp, nerfstudio, opencv};
 use std::fmt;
@@ -118,15 +118,13 @@ impl Format {
         })
     }
 
-    /// Writes a scene in this format, each file whole or not at all.
+    /// Writes a scene in this format, all its files or none.
     ///
     /// # Errors
     /// Those of [`files`](Self::files), and if a file cannot be written.
     pub fn write(self, path: &Path, scene: &Scene) -> Result<(), FileError> {
-        for (path, bytes) in self.files(path, scene)? {
-            write_atomic(&path, &bytes)?;
-        }
-        Ok(())
+        let files = self.files(path, scene)?;
+        write_together(&files.iter().map(|(path, bytes)| (path.as_path(), bytes.as_slice())).collect::<Vec<_>>())
     }
 
     /// The camera nearest to `camera` that this format can carry: the same where it can carry it whole.

@@ -143,3 +143,20 @@ fn meshlabs_conventions_are_met() {
     let pixel = view.project(&Point3::new(1.0, 1.0, 0.0)).unwrap();
     assert!((pixel.x - 599.5).abs() < 1e-9 && (pixel.y - 99.5).abs() < 1e-9, "{pixel}");
 }
+
+/// A scene of several files is written whole or not at all: where one cannot be, the others stay as they were.
+#[test]
+fn files_of_a_scene_are_written_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    std::fs::write(path.join("cameras.txt"), "kept").unwrap();
+    std::fs::write(path.join("images.txt"), "kept").unwrap();
+    // The last of COLMAP's files cannot take its place.
+    std::fs::create_dir(path.join("points3D.txt")).unwrap();
+    let error = Format::Colmap.write(path, &Scene::default()).unwrap_err().to_string();
+    assert!(error.contains("points3D.txt: cannot be written"), "{error}");
+    for name in ["cameras.txt", "images.txt"] {
+        assert_eq!(std::fs::read_to_string(path.join(name)).unwrap(), "kept", "{name}");
+    }
+    assert_eq!(std::fs::read_dir(path).unwrap().count(), 3);
+}

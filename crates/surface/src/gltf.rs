@@ -1,6 +1,6 @@
 //! glTF 2.0, text and binary, read by the `gltf` crate: the triangles of all meshes of its scene, moved by the nodes' transforms.
 //!
-//! Units and axes stay as they are. Textures, skins and animations are read past.
+//! Units and axes stay as they are. Texture images, skins and animations are read past.
 use std::path::Path;
 
 use base64::Engine as _;
@@ -122,7 +122,7 @@ impl Scene {
             }
             None => (0..points.len() as u32).collect(),
         };
-        let triangles = match primitive.mode() {
+        let triangles: Vec<[u32; 3]> = match primitive.mode() {
             Mode::TriangleStrip => {
                 let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
                 indices.windows(3).enumerate().map(turned).collect()
@@ -132,7 +132,22 @@ impl Scene {
             }
             _ => indices.as_chunks().0.to_vec(),
         };
-        Ok(Some(Part { points, triangles, attributes: Attributes { normals, colours, ..Attributes::default() } }))
+        let uvs = match primitive.get(&gltf::Semantic::TexCoords(0)) {
+            Some(accessor) => {
+                self.check(&accessor).map_err(|cause| format!("TEXCOORD_0: {cause}"))?;
+                let kinds = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::F32);
+                let by_vertex: Vec<[f32; 2]> = match reader.read_tex_coords(0) {
+                    Some(uvs) if kinds && accessor.dimensions() == Dimensions::Vec2 => uvs.into_f32().collect(),
+                    _ => Vec::new(),
+                };
+                let uv = |&i: &u32| by_vertex.get(i as usize).copied();
+                let corners: Vec<[f32; 2]> = triangles.as_flattened().iter().map_while(uv).collect();
+                (corners.len() == 3 * triangles.len()).then(|| corners.as_chunks().0.to_vec())
+            }
+            None => None,
+        };
+        let attributes = Attributes { normals, colours, uvs, ..Attributes::default() };
+        Ok(Some(Part { points, triangles, attributes, is_cloud: false }))
     }
 
     /// Makes sure that an accessor stays within its buffer: the crate takes its word for it.

@@ -19,7 +19,8 @@ use crate::{e57, gltf, las, mlp, obj, off, ply, stl};
 /// - E57: the valid points of all scans as one cloud in the frame of the file, with intensities and colours.
 /// - OBJ: positions, normals, vertex colours and polygons of all objects of the file together.
 /// - STL and OFF: positions and faces.
-/// - glTF (`.gltf`, `.glb`): the triangles of all meshes in its scene where its nodes put them, with normals and colours.
+/// - glTF (`.gltf`, `.glb`): the triangles of all meshes in its scene where its nodes put them, with normals, colours and
+///   texture coordinates (the first set).
 /// - MeshLab project (`.mlp`): its meshes, each moved by its matrix.
 ///
 /// Several meshes are one model, which has an attribute if all of them do. Units and axes are left as they are.

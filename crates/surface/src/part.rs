@@ -10,15 +10,17 @@ pub(crate) struct Part {
     pub(crate) points: Vec<[f64; 3]>,
     pub(crate) triangles: Vec<[u32; 3]>,
     pub(crate) attributes: Attributes,
+    /// Whether it is a point cloud; a model is one if every part of it is.
+    pub(crate) is_cloud: bool,
 }
 
 impl Part {
     /// A mesh as a part.
     pub(crate) fn of(mesh: Mesh) -> Self {
         let points = (0..mesh.positions.len()).map(|i| mesh.point(i).into()).collect();
-        let Mesh { triangles, normals, reflectance, colours, .. } = mesh;
-        let attributes = Attributes { normals: Some(normals), reflectance, colours, ..Attributes::default() };
-        Self { points, triangles, attributes }
+        let Mesh { triangles, normals, reflectance, colours, uvs, is_cloud, .. } = mesh;
+        let attributes = Attributes { normals: Some(normals), reflectance, colours, uvs, ..Attributes::default() };
+        Self { points, triangles, attributes, is_cloud }
     }
 
     /// Moves the part by an affine transform, world from part. One that mirrors turns the triangles over, so that outside
@@ -45,6 +47,7 @@ impl Part {
         }
         if sign < 0.0 {
             self.triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+            self.attributes.uvs.iter_mut().flatten().for_each(|corners| corners.swap(1, 2));
         }
         self
     }
@@ -68,8 +71,11 @@ pub(crate) fn assemble(parts: Vec<Part>) -> Result<Mesh, Defect> {
         join(&mut ours.normals, theirs.normals);
         join(&mut ours.reflectance, theirs.reflectance);
         join(&mut ours.colours, theirs.colours);
+        join(&mut ours.uvs, theirs.uvs);
+        all.is_cloud &= part.is_cloud;
     }
-    Mesh::new(&all.points, all.triangles, all.attributes)
+    let mesh = Mesh::new(&all.points, all.triangles, all.attributes)?;
+    Ok(Mesh { is_cloud: all.is_cloud, ..mesh })
 }
 
 fn join<T>(ours: &mut Option<Vec<T>>, theirs: Option<Vec<T>>) {

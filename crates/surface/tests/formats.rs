@@ -163,6 +163,58 @@ fn broken_files_are_refused_in_one_line() {
     refuses("a.mlp", "<MeshLabProject/>", &["no mesh"]);
 }
 
+/// A cloud in a project stays a cloud, and texture coordinates stay with their corners, also where a matrix mirrors.
+#[test]
+fn projects_keep_clouds_and_texture_coordinates() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    let project = |file: &str| {
+        format!(
+            "<MeshLabProject><MeshGroup><MLMesh filename=\"{file}\"><MLMatrix44>-1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</MLMatrix44>\
+             </MLMesh></MeshGroup></MeshLabProject>"
+        )
+    };
+    let points: String = (0..25).map(|i| format!("{} {} 0\n", i % 5, i / 5)).collect();
+    let header =
+        "ply\nformat ascii 1.0\nelement vertex 25\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    put("cloud.ply", &format!("{header}{points}"));
+    put("p.mlp", &project("cloud.ply"));
+    let cloud = load(folder.path().join("p.mlp")).unwrap();
+    assert!(cloud.is_cloud && cloud.positions.len() == 100);
+
+    put("square.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 1\nvt 1 1\nvt 0 0\nf 1/1 2/2 3/3\n");
+    put("p.mlp", &project("square.obj"));
+    let mesh = load(folder.path().join("p.mlp")).unwrap();
+    let uvs = mesh.uvs.as_ref().expect("texture coordinates");
+    for (&i, uv) in mesh.triangles[0].iter().zip(&uvs[0]) {
+        // u runs along −x here, v (from the top) along y.
+        let point = mesh.point(i as usize);
+        assert_eq!(uv.map(f64::from), [-point.x, point.y]);
+    }
+}
+
+/// The texture coordinates of a glTF are those of its vertices.
+#[test]
+fn gltf_brings_texture_coordinates() {
+    let numbers: [f32; 15] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.25, 0.5, 0.75, 0.5, 0.25, 1.0];
+    let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("b.bin"), bytes).unwrap();
+    let text = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}}]}],
+        "buffers": [{"byteLength": 60, "uri": "b.bin"}],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+                      {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"}]}"#;
+    let path = folder.path().join("t.gltf");
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(load(&path).unwrap().uvs, Some(vec![[[0.25, 0.5], [0.75, 0.5], [0.25, 1.0]]]));
+    std::fs::write(&path, text.replace("\"count\": 3, \"type\": \"VEC2\"", "\"count\": 4, \"type\": \"VEC2\""))
+        .unwrap();
+    let message = load(&path).unwrap_err().to_string();
+    assert!(message.contains("TEXCOORD_0") && message.contains("beyond its buffer"), "{message}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
