@@ -51,6 +51,43 @@ fn a_distorted_photo_is_handed_over_undistorted() {
     assert!(project.contains("fileName=\"undistorted/photo_00.png\""), "{project}");
 }
 
+/// What `pose` writes for other programs names the model and the photos, and its cameras are those of cameras.json; a lens that a
+/// format cannot carry makes an undistorted photo beside that format's file alone.
+#[test]
+fn found_cameras_are_written_for_other_programs() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, photo, pairs) = (fixture("model.ply"), fixture("photo_00.jpg"), fixture("correspondences.json"));
+    let mut truth: Value = serde_json::from_slice(&fs::read(fixture("truth.json")).unwrap()).unwrap();
+    for photo in truth["photos"].as_array_mut().unwrap() {
+        photo["distortion"] = serde_json::json!([-0.01, 0.0, 0.0, 0.0, 0.0]);
+    }
+    fs::write(folder.path().join("lens.json"), truth.to_string()).unwrap();
+    let mut args: Vec<&std::ffi::OsStr> = vec!["pose".as_ref(), model.as_os_str(), photo.as_os_str()];
+    args.extend(["--pairs".as_ref(), pairs.as_os_str(), "--camera".as_ref(), "lens.json".as_ref()]);
+    args.extend(["--format", "meshlab,colmap,nerfstudio", "-o", "out", "--json"].map(AsRef::<std::ffi::OsStr>::as_ref));
+    let done = run(folder.path(), &args);
+    assert_eq!(done.status, 0, "{}", done.stderr);
+    assert_eq!(done.stderr.matches("cannot carry").count(), 1, "{}", done.stderr);
+    let said: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert_eq!(said["formats"].as_array().unwrap().len(), 3);
+    let out = folder.path().join("out");
+    let project = fs::read_to_string(out.join("meshlab/project.mlp")).unwrap();
+    assert!(project.contains("fileName=\"undistorted/photo_00.png\"") && project.contains("model.ply"), "{project}");
+    assert!(out.join("meshlab/undistorted/photo_00.png").is_file());
+    let found: Value = serde_json::from_slice(&fs::read(out.join("cameras.json")).unwrap()).unwrap();
+    for name in ["meshlab/project.mlp", "colmap", "nerfstudio/transforms.json"] {
+        assert!(name.starts_with("meshlab") || !out.join(name).join("undistorted").exists());
+        let input = format!("out/{name}");
+        let back = run(folder.path(), &["convert", &input, "-o", "back.json"]);
+        assert_eq!(back.status, 0, "{name}: {}", back.stderr);
+        let back: Value = serde_json::from_slice(&fs::read(folder.path().join("back.json")).unwrap()).unwrap();
+        for i in 0..3 {
+            let [a, b] = [&found, &back].map(|file| file["photos"][0]["T"][i].as_f64().unwrap());
+            assert!((a - b).abs() < 1e-6, "{name}: {a} {b}");
+        }
+    }
+}
+
 #[test]
 fn an_unknown_format_is_said() {
     let folder = tempfile::tempdir().unwrap();

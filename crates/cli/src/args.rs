@@ -14,6 +14,8 @@ use texreg::formats::Format;
 use texreg::surface::SignalName;
 use texreg::texture;
 
+use crate::handover;
+
 /// Lays photographs onto scanned 3D models.
 #[derive(Debug, Parser)]
 #[command(name = "texreg", version, max_term_width = 100)]
@@ -70,6 +72,9 @@ pub(crate) struct Inputs {
     /// The folder to write to
     #[arg(short, long, value_name = "DIR", default_value = "texreg-out")]
     pub(crate) output: PathBuf,
+    /// Other programs' formats to write the cameras in as well, each in a folder of its name in DIR
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(handover::FORMATS))]
+    pub(crate) format: Vec<Format>,
 }
 
 /// `texreg register`
@@ -189,7 +194,7 @@ pub(crate) struct Calibrate {
     /// Use every photo with a board, even one that does not go with the others
     #[arg(long)]
     pub(crate) keep_all: bool,
-    /// The file to write; the report goes beside it, as .html
+    /// The file to write, .yml for a calibration of OpenCV's; the report goes beside it, as .html
     #[arg(short, long, value_name = "FILE", default_value = "camera.json")]
     pub(crate) output: PathBuf,
     /// Write each photo with its corners drawn to this folder

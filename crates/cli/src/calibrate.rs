@@ -11,6 +11,7 @@ use texreg::calib::{
     Board, BoardCorner, Calibration, Error, Image, Options, PARAMETER_NAMES, PhotoFit, Sighting, Weakness, calibrate,
     detect, other_size, weaknesses,
 };
+use texreg::formats::{Format, Lens, write_lens};
 
 use crate::args::Calibrate;
 use crate::calibration_report as report;
@@ -123,7 +124,11 @@ pub(crate) fn run(args: &Calibrate, json: bool) -> anyhow::Result<Ending> {
     let shown_report = args.output.with_extension("html");
     let report = Path::new(file).with_extension("html").to_string_lossy().into_owned();
     output.write(&report, report::html(&command(), &result).as_bytes())?;
-    output.write(file, text(&object(&result)).as_bytes())?;
+    if Format::of(&args.output) == Some(Format::OpenCv) {
+        write_lens(&args.output, &Lens::from(&calibration.camera), Format::OpenCv)?;
+    } else {
+        output.write(file, text(&object(&result)).as_bytes())?;
+    }
     if json {
         let mut object = object(&result);
         object.insert("camera".into(), json!(args.output.display().to_string()));

@@ -9,6 +9,7 @@ mod calibration_report;
 mod convert;
 mod corners;
 mod evaluate;
+mod handover;
 mod inputs;
 mod output;
 mod pose;

@@ -33,11 +33,6 @@ impl Output {
         Ok(Self { folder: folder.to_owned() })
     }
 
-    /// The folder.
-    pub(crate) fn folder(&self) -> &Path {
-        &self.folder
-    }
-
     /// Where a file of the result is, its name relative to the folder.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)

@@ -7,6 +7,7 @@ use texreg::posit::Solution;
 
 use crate::Ending;
 use crate::args::Pose;
+use crate::handover;
 use crate::inputs::{Inputs, model, photo};
 use crate::output::{Output, jpeg, overlay_name, print, table};
 
@@ -29,11 +30,12 @@ pub(crate) fn run(args: &Pose, json: bool) -> anyhow::Result<Ending> {
     let entries: Vec<CameraEntry> = posed.iter().map(|(file, solution)| entry(file, solution)).collect();
     let cameras = CameraFile { photos: entries, ..CameraFile::default() };
     write_cameras(&output.path("cameras.json"), &cameras)?;
+    let handed = handover::write_all(&args.inputs, &output, &cameras)?;
 
     let path = output.path("cameras.json").display().to_string();
     if json {
         let photos: Vec<Value> = cameras.photos.iter().map(|entry| Value::Object(entry.keys())).collect();
-        print(&format!("{:#}", json!({"cameras": path, "photos": photos})))?;
+        print(&format!("{:#}", json!({"cameras": path, "formats": handed, "photos": photos})))?;
     } else {
         let mut rows = vec![["photo", "rms px", "left out", ""].map(str::to_owned).to_vec()];
         rows.extend(posed.iter().map(|(file, solution)| {

@@ -16,6 +16,7 @@ use texreg::surface::Mesh;
 
 use crate::Ending;
 use crate::args::{Part, Register};
+use crate::handover;
 use crate::inputs::{Inputs, masked, model, name, photo};
 use crate::output::{Output, jpeg, overlay_name, print, table};
 use crate::report;
@@ -105,9 +106,12 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     output.write("report.html", report::html(&head, &photos).as_bytes())?;
     let cameras = CameraFile { photos: photos.iter().map(Registered::entry).collect(), ..CameraFile::default() };
     write_cameras(&output.path("cameras.json"), &cameras)?;
+    let handed = handover::write_all(&args.inputs, &output, &cameras)?;
 
     if json {
-        print(&format!("{:#}", object(args, &output, &mesh, &photos)))?;
+        let mut object = object(args, &output, &mesh, &photos);
+        object["formats"] = json!(handed);
+        print(&format!("{object:#}"))?;
     } else {
         print(&summary(&photos, &output))?;
     }

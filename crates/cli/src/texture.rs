@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{anyhow, bail};
 use serde_json::json;
 use texreg::driver::Photo;
-use texreg::formats::{CameraEntry, CameraFile, base_name, read_cameras, write_atomic};
+use texreg::formats::{CameraEntry, CameraFile, base_name, read_cameras, write_atomic, write_together};
 use texreg::surface::Mesh;
 use texreg::texture::{self, Glb, Options, Pixels, Source, Textured, texture};
 
@@ -120,9 +120,11 @@ fn write(args: &Texture, mesh: &Mesh, textured: &Textured) -> anyhow::Result<Vec
         ModelFormat::Ply => write_atomic(path, &texture::ply(mesh, &textured.colours))?,
         ModelFormat::Obj => {
             let (material, picture) = (path.with_extension("mtl"), path.with_extension("png"));
-            write_atomic(&picture, &texture::png(&textured.texture.image)?)?;
-            write_atomic(&material, texture::mtl(&name(&picture)).as_bytes())?;
-            write_atomic(path, texture::obj(mesh, &textured.texture, &name(&material)).as_bytes())?;
+            write_together(&[
+                (&picture, texture::png(&textured.texture.image)?),
+                (&material, texture::mtl(&name(&picture)).into_bytes()),
+                (path, texture::obj(mesh, &textured.texture, &name(&material)).into_bytes()),
+            ])?;
             written.extend([material, picture].map(|path| path.display().to_string()));
         }
     }

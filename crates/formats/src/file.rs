@@ -46,7 +46,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 
 /// Writes several files that belong together: all under temporary names first, which then take their places one after the other,
 /// so that a full disk or a folder that cannot be written leaves all of them as they were.
-pub(crate) fn write_together(files: &[(&Path, &[u8])]) -> Result<(), FileError> {
+pub fn write_together<P: AsRef<Path>, B: AsRef<[u8]>>(files: &[(P, B)]) -> Result<(), FileError> {
     let stage = |path: &Path, bytes: &[u8]| -> std::io::Result<tempfile::NamedTempFile> {
         if path.is_dir() {
             return Err(std::io::ErrorKind::IsADirectory.into());
@@ -66,6 +66,7 @@ pub(crate) fn write_together(files: &[(&Path, &[u8])]) -> Result<(), FileError> 
     let failed = |path: &Path, e: &std::io::Error| FileError::new(path, format!("cannot be written ({})", describe(e)));
     let staged: Vec<_> = files
         .iter()
+        .map(|(path, bytes)| (path.as_ref(), bytes.as_ref()))
         .map(|(path, bytes)| stage(path, bytes).map(|file| (path, file)).map_err(|e| failed(path, &e)))
         .collect::<Result<_, _>>()?;
     staged.into_iter().try_for_each(|(path, file)| file.persist(path).map(drop).map_err(|e| failed(path, &e.error)))

@@ -123,8 +123,7 @@ impl Format {
     /// # Errors
     /// Those of [`files`](Self::files), and if a file cannot be written.
     pub fn write(self, path: &Path, scene: &Scene) -> Result<(), FileError> {
-        let files = self.files(path, scene)?;
-        write_together(&files.iter().map(|(path, bytes)| (path.as_path(), bytes.as_slice())).collect::<Vec<_>>())
+        write_together(&self.files(path, scene)?)
     }
 
     /// The camera nearest to `camera` that this format can carry: the same where it can carry it whole.

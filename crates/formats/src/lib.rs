@@ -22,7 +22,7 @@ mod scene;
 mod xml;
 
 pub use cameras::{CameraEntry, CameraFile, base_name};
-pub use file::{FileError, write_atomic};
+pub use file::{FileError, write_atomic, write_together};
 pub use format::{Format, lost, read_cameras, read_lenses, write_lens};
 pub use json::{PairsEntry, read_pairs, write_cameras, write_pairs};
 pub use lens::{Lens, LensFile};
