@@ -87,6 +87,31 @@ fn the_focal_length_comes_from_the_photo_and_is_refined() {
     assert!(number(row, "focal_pct").abs() < 3.0 && number(row, "focal_pct") != 0.775, "{row}");
 }
 
+/// The fixture's vertices without its triangles.
+fn cloud() -> Vec<u8> {
+    let mesh = fs::read(fixture("model.ply")).unwrap();
+    let end = mesh.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let header = str::from_utf8(&mesh[..end]).unwrap();
+    let of_vertices = |line: &&str| !line.starts_with("element face") && !line.starts_with("property list");
+    let kept: Vec<&str> = header.lines().filter(of_vertices).collect();
+    let count: usize = header.lines().find_map(|l| l.strip_prefix("element vertex ")).unwrap().parse().unwrap();
+    let size = 4 * kept.iter().filter(|line| line.starts_with("property float")).count();
+    [(kept.join("\n") + "\n").as_bytes(), &mesh[end..end + count * size]].concat()
+}
+
+#[test]
+fn a_photo_is_registered_to_a_cloud() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("cloud.ply"), cloud()).unwrap();
+    let model = folder.path().join("cloud.ply").display().to_string();
+    let command = format!("register {model} @photo_01.jpg --init @initial.json --camera @truth.json -o out");
+    let run = run_fixture(folder.path(), &command);
+    assert_eq!((run.status, run.stderr.as_str()), (0, ""), "{run:?}");
+    let (rows, _) = scores(&fixture(""), folder.path(), "out/cameras.json");
+    let row = rows.iter().find(|row| row["file"] == "photo_01.jpg").unwrap();
+    assert!(number(row, "mean_px") < 1.5, "{row}");
+}
+
 #[test]
 fn a_photo_is_registered_with_nothing_to_start_from() {
     let folder = tempfile::tempdir().unwrap();

@@ -54,13 +54,6 @@ impl<'a> Model<'a> {
         self.shifted(view, -self.mesh.origin)
     }
 
-    /// Whether the model is a scan from inside: a cloud whose bounding box holds the camera of a view of the model's frame.
-    pub(crate) fn surrounds(&self, view: &View) -> bool {
-        let (low, high) = self.mesh.bounds();
-        let eye = view.pose.center() + self.mesh.origin;
-        self.mesh.is_cloud && (0..3).all(|k| (low[k]..=high[k]).contains(&eye[k]))
-    }
-
     fn shifted(&self, view: &View, by: Vector3<f64>) -> View {
         let mut view = *view;
         view.pose.translation += view.pose.rotation * by;
@@ -90,6 +83,13 @@ impl<'a> Model<'a> {
 /// What a model predicts if nothing else is asked for: all that the scanner measured.
 fn measured(mesh: &Mesh) -> &'static [SignalName] {
     if mesh.reflectance.is_some() { &[SignalName::Reflectance, SignalName::Normals] } else { &[SignalName::Normals] }
+}
+
+/// Whether a mesh is a scan from inside: a cloud whose bounding box holds the camera of a view of its frame.
+pub(crate) fn surrounds(mesh: &Mesh, view: &View) -> bool {
+    let (low, high) = mesh.bounds();
+    let eye = view.pose.center() + mesh.origin;
+    mesh.is_cloud && (0..3).all(|k| (low[k]..=high[k]).contains(&eye[k]))
 }
 
 /// The viewpoint of a view of the model's frame.

@@ -6,7 +6,7 @@
 //! is not. Bins are few and hard: no derivative is wanted.
 
 use crate::Photo;
-use crate::model::viewpoint;
+use crate::model::{surrounds, viewpoint};
 use crate::palette::palette;
 use crate::samples::dither;
 use texreg_camera::View;
@@ -137,8 +137,8 @@ impl Overview {
             counts[usize::from(bin) * colours + usize::from(colour)] += 1;
         }
         let whole = information(background + 1, &counts)?;
-        if mesh.is_cloud {
-            // A cloud ends where the scanner saw no farther: what is beside it is no background.
+        if surrounds(mesh, view) {
+            // A scan from inside ends where the scanner saw no farther: what is beside it is no background.
             return Some(Evidence { whole, near: 0.0 });
         }
         let covered: u32 = counts[..background * colours].iter().sum();

@@ -9,7 +9,8 @@
 //! compared by the metric over the model and a band of background in a fixed proportion to it.
 //!
 //! Where the end is in doubt, or far from the start, a wider search follows, and the better end counts. With no start at all, a
-//! survey of the model from everywhere takes the place of the search.
+//! survey of the model from everywhere takes the place of the search. Inside a scan, and where coarse levels led away from a start
+//! that is better than their end, the start itself climbs, from each level down.
 
 mod anywhere;
 
@@ -19,7 +20,7 @@ use crate::channel::channel;
 use crate::climb::Batches;
 use crate::contour::Silhouette;
 use crate::mask::silhouette;
-use crate::model::Model;
+use crate::model::{Model, surrounds};
 use crate::objective::{PhotoObjective, Prior};
 use crate::outcome::{Event, Outcome, Stage};
 use crate::overview::{Evidence, Overview, Workspace};
@@ -208,6 +209,13 @@ impl<'a> Registration<'a> {
         let of = 1 + self.levels.len().max(2);
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
 
+        if surrounds(self.model.mesh, &start) {
+            // From inside, views elsewhere show other things, and less of them predicts a photo better: they do not compare.
+            let finish = self.descend(&mut sampler, &start, refine, &mut course)?;
+            let findings = self.findings(&finish, &start, at_start);
+            return Ok((self.outcome(&finish, &start, &findings, course.stages), findings));
+        }
+
         let began = Instant::now();
         let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
         let narrow = Search { seed: self.options.seed, ..Search::default() };
@@ -229,6 +237,10 @@ impl<'a> Registration<'a> {
             evidence: |registration, view| registration.evidence(view).map_or(0.0, Evidence::total),
         };
         let mut finish = self.race(&mut sampler, &field, &mut course)?;
+        if finish.similarity <= at_start {
+            course.of += self.levels.len();
+            finish = self.descend(&mut sampler, &start, refine, &mut course)?;
+        }
         let mut findings = self.findings(&finish, &start, at_start);
 
         let step = self.region(&start).map_or(0.0, |region| region.step(&start, &finish.view));
@@ -273,6 +285,39 @@ impl<'a> Registration<'a> {
             if finish.similarity > at_start { (&finish.view, finish.similarity) } else { (start, at_start) };
         let view = self.model.outward(view);
         Outcome { view, status, reasons, similarity: (at_start, end), uncertainty: None, stages }
+    }
+
+    /// Climbs from a view itself, without looking around: from each level down to the full photo, for what a coarse level
+    /// shows can mislead. The best end counts.
+    fn descend(
+        &self,
+        sampler: &mut Sampler,
+        start: &View,
+        refine: Refine,
+        course: &mut Course,
+    ) -> Result<Finish, Error> {
+        let mut best: Option<(f64, View, f64)> = None;
+        for top in (0..self.levels.len()).rev() {
+            let began = Instant::now();
+            let (mut evaluations, mut renderings) = (0, 0);
+            let mut view = *start;
+            for index in (0..=top).rev() {
+                let climb = self.climb(sampler, index, &view, start, refine).ok_or(Error::NothingVisible)?;
+                view = climb.view;
+                evaluations += climb.evaluations;
+                renderings += climb.renderings;
+            }
+            let (similarity, covered) = self.similarity(sampler, &view).unwrap_or_default();
+            let before = best.map_or(similarity, |(similarity, ..)| similarity);
+            if best.is_none_or(|(best, ..)| similarity > best) {
+                best = Some((similarity, view, covered));
+            }
+            let (similarity, view, _) = best.expect("there is an end by now");
+            course.tell(stage(climb_name(top), began, evaluations, renderings, (before, similarity)), &view)?;
+        }
+        let (similarity, view, covered) = best.ok_or(Error::NothingVisible)?;
+        let coarse = self.coarse_similarity(&view).unwrap_or_default();
+        Ok(Finish { view, similarity, coarse, rival: 0.0, covered })
     }
 
     /// Several views climb, and the best goes on to the full photo.
@@ -339,7 +384,7 @@ impl<'a> Registration<'a> {
         let level = self.levels.last()?;
         let seen =
             Sampler::new(&self.model.coarse, &*self.model.signal).sample(view, level, &Sampling::surface(2_000))?;
-        if self.model.surrounds(view) { Region::near(view, &seen.points) } else { Region::around(&seen.points) }
+        if surrounds(self.model.mesh, view) { Region::near(view, &seen.points) } else { Region::around(&seen.points) }
     }
 
     /// A view and the best found ones, the same number from each list, that might lie in different basins.

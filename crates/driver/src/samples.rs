@@ -2,7 +2,7 @@
 
 use crate::MetricName;
 use crate::contour::Contour;
-use crate::model::viewpoint;
+use crate::model::{surrounds, viewpoint};
 use crate::needles::Needles;
 use crate::pyramid::Level;
 use nalgebra::{Point2, Point3};
@@ -148,8 +148,8 @@ impl<'a> Sampler<'a> {
     }
 
     fn halo(&self, view: &View, camera: &Camera, sampling: &Sampling) -> Vec<Point3<f64>> {
-        // A cloud ends where the scanner saw no farther: what is beside it is no background.
-        if sampling.halo == 0 || sampling.band < 1.0 || self.mesh.is_cloud {
+        // A scan from inside ends where the scanner saw no farther: what is beside it is no background.
+        if sampling.halo == 0 || sampling.band < 1.0 || surrounds(self.mesh, view) {
             return Vec::new();
         }
         let width = self.picture.width as usize;
