@@ -153,6 +153,12 @@ impl Contour {
         Some(ConditionalEntropy.value(&Self::table(silhouette, &pixels, &self.edges)?))
     }
 
+    /// What the value would be if places of the model and of the object had nothing to do with each other: `−H(V)`.
+    pub(crate) fn independent(&self, silhouette: &Silhouette, camera: &Camera, view: &View) -> Option<f64> {
+        let pixels = self.project(silhouette, camera, view);
+        Some(ConditionalEntropy.value(&Self::table(silhouette, &pixels, &self.edges)?.independent()))
+    }
+
     /// The derivatives of [`value`](Self::value) by the tangent; `scale` is that of the level.
     ///
     /// The curvature is that of a gap between the outlines, `gap` pixels wide on average, that closes: the metric falls by the

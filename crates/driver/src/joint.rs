@@ -10,7 +10,7 @@
 use crate::objective::Prior;
 use crate::outcome::{Event, Outcome, Stage, Status};
 use crate::pair::{DepthMap, Overlap, PairObjective, Sight, overlaps};
-use crate::register::{EFFORTS, PRIOR, Registration, SETTLED, stage};
+use crate::register::{EFFORTS, PRIOR, Registration, SETTLED, Similarity, stage};
 use crate::rig::{RigObjective, RigSpace};
 use crate::samples::{Sampler, Sampling, SurfaceSamples};
 use crate::uncertainty::{Witness, uncertainties};
@@ -131,7 +131,7 @@ impl Joint<'_> {
             return together.to_vec();
         }
         let lens = self.found[together[0]].view.camera;
-        let now: Vec<f64> = together.iter().map(|&i| self.similarity(i).0).collect();
+        let now: Vec<f64> = together.iter().map(|&i| self.similarity(i).value).collect();
         let alone = |i: usize| self.found[i].findings.similarity.1;
         let worse: Vec<(usize, f64)> =
             together.iter().copied().zip(now).filter(|&(i, now)| now < SHARING * alone(i)).collect();
@@ -278,8 +278,8 @@ impl Joint<'_> {
         }
     }
 
-    /// The metric of a photo's view at full size, and how many pixels show the model.
-    fn similarity(&self, i: usize) -> (f64, f64) {
+    /// The metric of a photo's view at full size.
+    fn similarity(&self, i: usize) -> Similarity {
         let photo = &self.photos[i];
         let mut sampler = Sampler::new(photo.model.mesh, &*photo.model.signal);
         photo.similarity(&mut sampler, &self.found[i].view).unwrap_or_default()
@@ -287,16 +287,15 @@ impl Joint<'_> {
 
     /// The verdict on where a photo came to; the start is handed back where that is better.
     fn judge(&mut self, i: usize) {
-        let (similarity, covered) = self.similarity(i);
+        let Similarity { value: similarity, gain, covered } = self.similarity(i);
         let (photo, found) = (&self.photos[i], &mut self.found[i]);
         let model = photo.model;
-        let independent = self.options.metric.independent();
         let coarse = photo.coarse_similarity(&found.view).unwrap_or_default();
         let findings = &mut found.findings;
         let start = findings.similarity.0;
         findings.similarity = (start, similarity);
         findings.covered = covered;
-        findings.across_levels = (coarse - independent, similarity - independent);
+        findings.across_levels = (coarse.gain, gain);
         findings.moved = model.distance(&found.start, &found.view);
         (found.outcome.status, found.outcome.reasons) = verdict(findings);
         let (view, end) = if similarity > start { (found.view, similarity) } else { (found.start, start) };

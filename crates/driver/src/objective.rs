@@ -99,6 +99,22 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
         (metric.value(&joint), Shown { values, slopes, table, unit })
     }
 
+    /// What the metric would be at a view if the model told nothing of the photo: over the product of the marginals of each joint
+    /// density. The agreement of edges counts from zero.
+    pub(crate) fn independent(&self, at: &View) -> Option<f64> {
+        let camera = self.level.camera(&at.camera);
+        let density = self.terms.density.as_ref().map(|metric| {
+            let (values, _) = look::<T>(&self.samples.points, self.level, at);
+            let samples = Samples { model: &self.samples.bins, photo: &values };
+            metric.value(&self.density.estimate(&samples).independent())
+        });
+        let silhouettes = match self.samples.contour.as_ref().zip(self.level.silhouette.as_ref()) {
+            Some((contour, silhouette)) => Some(contour.independent(silhouette, &camera, at)?),
+            None => None,
+        };
+        Some(self.compose(&[density, self.samples.needles.as_ref().map(|_| 0.0), silhouettes]).0)
+    }
+
     /// Its derivatives by the tangent.
     fn density_derivatives(&self, at: &View, shown: &Shown<T>) -> Dense {
         let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &shown.values }, &shown.table);
@@ -390,6 +406,31 @@ pub(crate) mod tests {
                 assert!(error < 1e-6, "{metric}, {rotation}, component {k}: {} against {slope}", gradient[k]);
             }
         }
+    }
+
+    #[test]
+    fn gains_over_independence_are_information() {
+        let (view, level, samples) = drawn_scene();
+        let density = Parzen { model_bins: 7, photo_bins: 16 };
+        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default() };
+        let prior = Prior { camera: view.camera, weight: 0.0 };
+        let of = |metric: MetricName| {
+            let mut samples = samples.clone();
+            samples.needles = samples.needles.filter(|_| metric.has_edges());
+            samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
+            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, metric, &space, prior);
+            (objective.value(&view).unwrap(), objective.independent(&view).unwrap())
+        };
+        for &metric in MetricName::ALL {
+            let (value, independent) = of(metric);
+            assert!(value > independent, "{metric}: {value} is below {independent}");
+        }
+        let gain = |metric| of(metric).0 - of(metric).1;
+        let information = of(MetricName::MutualInformation).0;
+        assert!((gain(MetricName::MutualInformation) - information).abs() < 1e-12);
+        assert!((gain(MetricName::ConditionalEntropy) - information).abs() < 1e-12);
+        let both = information + gain(MetricName::Silhouette);
+        assert!((gain(MetricName::InformationSilhouette) - both).abs() < 1e-12);
     }
 
     #[test]

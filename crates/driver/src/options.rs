@@ -211,18 +211,6 @@ impl MetricName {
     pub(crate) fn has_shading(self) -> bool {
         matches!(self, Self::Correlation | Self::SquaredDifference)
     }
-
-    /// The metric's value where the model tells nothing of the photo; for those that have no such value, one that good views are
-    /// well above.
-    pub(crate) fn independent(self) -> f64 {
-        match self {
-            Self::Normalized => 1.0,
-            Self::ConditionalEntropy => -3.0,
-            Self::SquaredDifference => -0.1,
-            Self::Silhouette | Self::InformationSilhouette => -std::f64::consts::LN_2,
-            _ => 0.0,
-        }
-    }
 }
 
 impl RotationName {

@@ -151,19 +151,29 @@ struct Field {
 struct Finish {
     view: View,
     /// The metric at full size.
-    similarity: f64,
-    /// The metric of the best climb on the coarsest level.
+    similarity: Similarity,
+    /// The gain of the best climb on the coarsest level.
     coarse: f64,
-    /// The metric of the best view elsewhere as a share of the best's, on the second level.
+    /// The gain of the best view elsewhere as a share of the best's, on the second level.
     rival: f64,
+}
+
+/// The metric of a view over what it shows itself.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Similarity {
+    pub(crate) value: f64,
+    /// The value over that of a model that tells nothing of the photo.
+    pub(crate) gain: f64,
     /// Pixels of the photo that show the model.
-    covered: f64,
+    pub(crate) covered: f64,
 }
 
 /// A view that climbed, and how.
 pub(crate) struct Climb {
     pub(crate) view: View,
     similarity: (f64, f64),
+    /// The metric at the end over that of a model that tells nothing of the photo.
+    gain: f64,
     evaluations: usize,
     renderings: usize,
 }
@@ -205,7 +215,7 @@ impl<'a> Registration<'a> {
     ) -> Result<(Outcome, Findings), Error> {
         let start = self.model.inward(start);
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
-        let (at_start, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
+        let at_start = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?.value;
         let of = 1 + self.levels.len().max(2);
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
 
@@ -256,7 +266,7 @@ impl<'a> Registration<'a> {
             field.views = self.distinct(&finish.view, vec![found]);
             field.evidence = |registration, view| registration.peak(view);
             let wide = self.race(&mut sampler, &field, &mut course)?;
-            let worth = |finish: &Finish| finish.similarity + self.peak(&finish.view);
+            let worth = |finish: &Finish| finish.similarity.value + self.peak(&finish.view);
             if worth(&wide) > worth(&finish) {
                 finish = wide;
                 findings = self.findings(&finish, &start, at_start);
@@ -266,13 +276,12 @@ impl<'a> Registration<'a> {
     }
 
     fn findings(&self, finish: &Finish, start: &View, at_start: f64) -> Findings {
-        let independent = self.options.metric.independent();
         Findings {
-            similarity: (at_start, finish.similarity),
+            similarity: (at_start, finish.similarity.value),
             moved: self.model.distance(start, &finish.view),
-            across_levels: (finish.coarse - independent, finish.similarity - independent),
+            across_levels: (finish.coarse, finish.similarity.gain),
             rival: finish.rival,
-            covered: finish.covered,
+            covered: finish.similarity.covered,
             shared: None,
         }
     }
@@ -281,8 +290,11 @@ impl<'a> Registration<'a> {
     fn outcome(&self, finish: &Finish, start: &View, findings: &Findings, stages: Vec<Stage>) -> Outcome {
         let (status, reasons) = verdict(findings);
         let at_start = findings.similarity.0;
-        let (view, end) =
-            if finish.similarity > at_start { (&finish.view, finish.similarity) } else { (start, at_start) };
+        let (view, end) = if finish.similarity.value > at_start {
+            (&finish.view, finish.similarity.value)
+        } else {
+            (start, at_start)
+        };
         let view = self.model.outward(view);
         Outcome { view, status, reasons, similarity: (at_start, end), uncertainty: None, stages }
     }
@@ -324,9 +336,8 @@ impl<'a> Registration<'a> {
     fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Finish, Error> {
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
-        let independent = self.options.metric.independent();
         let mut views = field.views.clone();
-        let mut finish = Finish { view: field.start, similarity: 0.0, coarse: 0.0, rival: 0.0, covered: 0.0 };
+        let mut finish = Finish { view: field.start, similarity: Similarity::default(), coarse: 0.0, rival: 0.0 };
         for (index, keep) in [(coarsest, field.finalists), (second, 1)] {
             let began = Instant::now();
             let mesh = if index == coarsest { &self.model.coarse } else { self.model.mesh };
@@ -348,14 +359,11 @@ impl<'a> Registration<'a> {
             let renderings = climbs.iter().map(|climb| climb.renderings).sum();
             course.tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view)?;
             if index == coarsest {
-                finish.coarse = best.similarity.1;
+                finish.coarse = best.gain;
             }
             let elsewhere =
                 |climb: &&Climb| self.model.distance(&climb.view, &best.view) * self.levels[index].scale > APART;
-            finish.rival = climbs
-                .iter()
-                .find(elsewhere)
-                .map_or(0.0, |climb| (climb.similarity.1 - independent) / (best.similarity.1 - independent));
+            finish.rival = climbs.iter().find(elsewhere).map_or(0.0, |climb| climb.gain / best.gain);
             views = climbs.into_iter().take(keep).map(|climb| climb.view).collect();
         }
         finish.view = views[0];
@@ -367,7 +375,7 @@ impl<'a> Registration<'a> {
             let stage = stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity);
             course.tell(stage, &finish.view)?;
         }
-        (finish.similarity, finish.covered) = self.similarity(sampler, &finish.view).unwrap_or_default();
+        finish.similarity = self.similarity(sampler, &finish.view).unwrap_or_default();
         Ok(finish)
     }
 
@@ -446,24 +454,25 @@ impl<'a> Registration<'a> {
         Some((self.model.outward(&view), evaluations))
     }
 
-    /// The metric of a view at full size, over what it shows itself, and how many pixels show the model; `None` where none
-    /// does.
-    pub(crate) fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<(f64, f64)> {
-        let samples = EFFORTS[EFFORTS.len() - 1].samples;
-        let sampling = Sampling::with_halo(samples, self.options.metric);
-        let samples = sampler.sample(view, &self.levels[0], &sampling)?;
-        let space = self.space(Refine::default());
-        let value = self.objective(0, &samples, &space, &view.camera, 0.0).value(view)?;
-        Some((value, samples.covered as f64))
+    /// The metric of a view at full size; `None` where it shows nothing of the model.
+    pub(crate) fn similarity(&self, sampler: &mut Sampler, view: &View) -> Option<Similarity> {
+        self.similarity_at(0, EFFORTS[EFFORTS.len() - 1].samples, sampler, view)
     }
 
-    /// The metric of a view on the coarsest level, over what it shows itself; `None` where it shows nothing of the model.
-    pub(crate) fn coarse_similarity(&self, view: &View) -> Option<f64> {
-        let coarsest = self.levels.len() - 1;
-        let sampling = Sampling::with_halo(EFFORTS[0].samples, self.options.metric);
+    /// The metric of a view on the coarsest level; `None` where it shows nothing of the model.
+    pub(crate) fn coarse_similarity(&self, view: &View) -> Option<Similarity> {
         let mut sampler = Sampler::new(&self.model.coarse, &*self.model.signal);
-        let samples = sampler.sample(view, &self.levels[coarsest], &sampling)?;
-        self.objective(coarsest, &samples, &self.space(Refine::default()), &view.camera, 0.0).value(view)
+        self.similarity_at(self.levels.len() - 1, EFFORTS[0].samples, &mut sampler, view)
+    }
+
+    fn similarity_at(&self, index: usize, samples: usize, sampler: &mut Sampler, view: &View) -> Option<Similarity> {
+        let sampling = Sampling::with_halo(samples, self.options.metric);
+        let samples = sampler.sample(view, &self.levels[index], &sampling)?;
+        let space = self.space(Refine::default());
+        let mut objective = self.objective(index, &samples, &space, &view.camera, 0.0);
+        let value = objective.value(view)?;
+        let gain = value - objective.independent(view)?;
+        Some(Similarity { value, gain, covered: samples.covered as f64 })
     }
 
     /// Climbs at one level; `None` where the view shows nothing of the model. `start` brings the expected camera.
@@ -481,7 +490,7 @@ impl<'a> Registration<'a> {
         let sampling = Sampling::with_halo(effort.samples, self.options.metric);
         let space = self.space(if index < 2 { refine } else { Refine::default() });
         let solver = self.options.solver.solver(effort.iterations, effort.gain);
-        let mut climb = Climb { view: *from, similarity: (0.0, 0.0), evaluations: 0, renderings: 0 };
+        let mut climb = Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, evaluations: 0, renderings: 0 };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
             let mut objective = self.objective(index, &samples, &space, &start.camera, PRIOR);
@@ -514,7 +523,8 @@ impl<'a> Registration<'a> {
             climb.similarity.1 = report.value;
             let moved = self.model.distance(&climb.view, &report.point) * level.scale;
             climb.view = report.point;
-            if moved < SETTLED {
+            if moved < SETTLED || rendering + 1 == effort.renderings {
+                climb.gain = report.value - objective.independent(&report.point)?;
                 break;
             }
         }

@@ -57,7 +57,7 @@ impl Registration<'_> {
         let (views, renderings, evidence) = self.anywhere(camera);
         let start = *views.first().ok_or(Error::NothingVisible)?;
         course.tell(stage(self.search_name(), began, 0, renderings, evidence), &start)?;
-        let (at_start, _) = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?;
+        let at_start = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?.value;
         let field = Field {
             views,
             start,
