@@ -247,7 +247,7 @@ impl<'a> Registration<'a> {
             evidence: |registration, view| registration.evidence(view).map_or(0.0, Evidence::total),
         };
         let mut finish = self.race(&mut sampler, &field, &mut course)?;
-        if finish.similarity <= at_start {
+        if finish.similarity.value <= at_start {
             course.of += self.levels.len();
             finish = self.descend(&mut sampler, &start, refine, &mut course)?;
         }
@@ -308,7 +308,7 @@ impl<'a> Registration<'a> {
         refine: Refine,
         course: &mut Course,
     ) -> Result<Finish, Error> {
-        let mut best: Option<(f64, View, f64)> = None;
+        let mut best: Option<(Similarity, View)> = None;
         for top in (0..self.levels.len()).rev() {
             let began = Instant::now();
             let (mut evaluations, mut renderings) = (0, 0);
@@ -319,17 +319,17 @@ impl<'a> Registration<'a> {
                 evaluations += climb.evaluations;
                 renderings += climb.renderings;
             }
-            let (similarity, covered) = self.similarity(sampler, &view).unwrap_or_default();
-            let before = best.map_or(similarity, |(similarity, ..)| similarity);
-            if best.is_none_or(|(best, ..)| similarity > best) {
-                best = Some((similarity, view, covered));
+            let similarity = self.similarity(sampler, &view).unwrap_or_default();
+            let before = best.map_or(similarity, |(similarity, _)| similarity).value;
+            if best.is_none_or(|(best, _)| similarity.value > best.value) {
+                best = Some((similarity, view));
             }
-            let (similarity, view, _) = best.expect("there is an end by now");
-            course.tell(stage(climb_name(top), began, evaluations, renderings, (before, similarity)), &view)?;
+            let (similarity, view) = best.expect("there is an end by now");
+            course.tell(stage(climb_name(top), began, evaluations, renderings, (before, similarity.value)), &view)?;
         }
-        let (similarity, view, covered) = best.ok_or(Error::NothingVisible)?;
-        let coarse = self.coarse_similarity(&view).unwrap_or_default();
-        Ok(Finish { view, similarity, coarse, rival: 0.0, covered })
+        let (similarity, view) = best.ok_or(Error::NothingVisible)?;
+        let coarse = self.coarse_similarity(&view).unwrap_or_default().gain;
+        Ok(Finish { view, similarity, coarse, rival: 0.0 })
     }
 
     /// Several views climb, and the best goes on to the full photo.
