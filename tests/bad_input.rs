@@ -300,6 +300,14 @@ fn a_failed_run_leaves_an_earlier_result_alone() {
 }
 
 #[test]
+fn solvers_that_joint_registration_does_not_know() {
+    let bench = Bench::new();
+    let run = bench.run("register model.ply photo.png --init init.json --joint --solver bfgs");
+    assert_eq!(run.status, 1, "{run:?}");
+    assert_eq!(run.stderr, "error: --solver bfgs: photos are registered jointly by lm alone\n");
+}
+
+#[test]
 fn wrong_usage_exits_with_2() {
     let bench = Bench::new();
     for command in [

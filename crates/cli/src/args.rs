@@ -105,7 +105,7 @@ pub(crate) struct Register {
     /// What the model predicts, several for their joint signal [default: reflectance, if the model has it, and normals]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
     pub(crate) signal: Vec<SignalName>,
-    /// The solver
+    /// The solver; photos are registered jointly by lm alone
     #[arg(long, value_name = "NAME", default_value = "lm", value_parser = named(SolverName::ALL))]
     pub(crate) solver: SolverName,
     /// The chart a rotation is stepped in

@@ -8,8 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    Event, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status, motion, overlay,
-    register, register_jointly, search,
+    Event, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, SolverName, Stage, Status, motion,
+    overlay, register, register_jointly, search,
 };
 use texreg::formats::{CameraEntry, CameraFile, write_cameras};
 use texreg::surface::Mesh;
@@ -69,6 +69,10 @@ impl Registered {
 }
 
 pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
+    let joint = args.joint || args.share_intrinsics;
+    if joint && args.solver != SolverName::default() {
+        bail!("--solver {}: photos are registered jointly by {} alone", args.solver, SolverName::default());
+    }
     let inputs = Inputs::read(&args.inputs, args.init.as_deref())?;
     let output = Output::open(&args.inputs.output)?;
     let mesh = model(&args.inputs.model)?;
@@ -89,7 +93,7 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     };
     let ready = Model::new(&mesh, &args.signal).map_err(|error| anyhow!("{}: {error}", args.inputs.model.display()))?;
     let bar = progress(inputs.photos.len());
-    let photos = if args.joint || args.share_intrinsics {
+    let photos = if joint {
         jointly(args.mask.as_deref(), &mesh, &ready, &inputs, &options, &bar)?
     } else {
         let mask = args.mask.as_deref();
