@@ -15,7 +15,8 @@ mod studio;
 mod texture;
 
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use texreg::driver::{ChannelName, MetricName};
 use texreg::surface::SignalName;
 
@@ -87,6 +88,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Name::Texture => texture::run(arguments)?,
     };
     report.print(arguments.json)
+}
+
+/// The Python of the peers' folder, or else the system's, to talk with through pipes.
+fn python(peers: &Path) -> Command {
+    let own = Some(peers.join("venv/bin/python")).filter(|python| python.is_file());
+    let mut command = Command::new(own.unwrap_or_else(|| "python3".into()));
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+    command
 }
 
 /// What a benchmark measured.

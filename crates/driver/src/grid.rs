@@ -4,7 +4,7 @@
 //! picture is twice continuously differentiable.
 
 use rayon::prelude::*;
-use texreg_mi::Real;
+use texreg_mi::{Real, cubic};
 
 /// A picture of coefficients of type `C`, with a margin of [`MARGIN`] repeated pixels on each side.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ impl<C: Real> Grid<C> {
     #[inline]
     pub(crate) fn sample<T: Real>(&self, x: f64, y: f64) -> Option<[T; 3]> {
         let (first, [tx, ty]) = self.place(x, y)?;
-        let ((wx, dx), (wy, dy)) = (weights(T::of(tx)), weights(T::of(ty)));
+        let ((wx, dx), (wy, dy)) = (cubic(T::of(tx)), cubic(T::of(ty)));
         let mut out = [T::default(); 3];
         for j in 0..4 {
             let line = self.line::<T>(first, j);
@@ -58,7 +58,7 @@ impl<C: Real> Grid<C> {
     /// The second derivatives `(∂²v/∂x², ∂²v/∂x∂y, ∂²v/∂y²)` at a place; `None` outside the picture.
     pub(crate) fn bend<T: Real>(&self, x: f64, y: f64) -> Option<[T; 3]> {
         let (first, [tx, ty]) = self.place(x, y)?;
-        let ((wx, dx), (wy, dy)) = (weights(T::of(tx)), weights(T::of(ty)));
+        let ((wx, dx), (wy, dy)) = (cubic(T::of(tx)), cubic(T::of(ty)));
         let (bx, by) = (second(T::of(tx)), second(T::of(ty)));
         let mut out = [T::default(); 3];
         for j in 0..4 {
@@ -95,21 +95,7 @@ fn dot<T: Real>(a: [T; 4], b: [T; 4]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
 
-/// The cubic B-spline at the four pixels around a place `t` (0..=1) after the second, and its derivative.
-#[inline]
-fn weights<T: Real>(t: T) -> ([T; 4], [T; 4]) {
-    let c = T::of;
-    let s = c(1.0) - t;
-    let near = |t: T| c(2.0 / 3.0) - t * t * (c(1.0) - c(0.5) * t);
-    let slope = |t: T| t * (c(1.5) * t - c(2.0));
-    let (sixth, half, zero) = (c(1.0 / 6.0), c(0.5), T::default());
-    (
-        [sixth * s * s * s, near(t), near(s), sixth * t * t * t],
-        [zero - half * s * s, slope(t), zero - slope(s), half * t * t],
-    )
-}
-
-/// The second derivative of [`weights`].
+/// The second derivative of [`cubic`].
 #[inline]
 fn second<T: Real>(t: T) -> [T; 4] {
     let c = T::of;

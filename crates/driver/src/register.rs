@@ -220,6 +220,7 @@ impl<'a> Registration<'a> {
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
 
         if surrounds(self.model.mesh, &start) {
+            course.of = self.levels.len();
             // From inside, views elsewhere show other things, and less of them predicts a photo better: they do not compare.
             let finish = self.descend(&mut sampler, &start, refine, &mut course)?;
             let findings = self.findings(&finish, &start, at_start);
@@ -311,21 +312,14 @@ impl<'a> Registration<'a> {
         let mut best: Option<(Similarity, View)> = None;
         for top in (0..self.levels.len()).rev() {
             let began = Instant::now();
-            let (mut evaluations, mut renderings) = (0, 0);
-            let mut view = *start;
-            for index in (0..=top).rev() {
-                let climb = self.climb(sampler, index, &view, start, refine).ok_or(Error::NothingVisible)?;
-                view = climb.view;
-                evaluations += climb.evaluations;
-                renderings += climb.renderings;
-            }
-            let similarity = self.similarity(sampler, &view).unwrap_or_default();
-            let before = best.map_or(similarity, |(similarity, _)| similarity).value;
-            if best.is_none_or(|(best, _)| similarity.value > best.value) {
-                best = Some((similarity, view));
-            }
-            let (similarity, view) = best.expect("there is an end by now");
-            course.tell(stage(climb_name(top), began, evaluations, renderings, (before, similarity.value)), &view)?;
+            let (view, evaluations, renderings) =
+                self.straight(sampler, top, start, refine).ok_or(Error::NothingVisible)?;
+            let end = (self.similarity(sampler, &view).unwrap_or_default(), view);
+            let held = best.unwrap_or(end);
+            let now = if end.0.value > held.0.value { end } else { held };
+            let similarity = (held.0.value, now.0.value);
+            course.tell(stage(climb_name(top), began, evaluations, renderings, similarity), &now.1)?;
+            best = Some(now);
         }
         let (similarity, view) = best.ok_or(Error::NothingVisible)?;
         let coarse = self.coarse_similarity(&view).unwrap_or_default().gain;
@@ -392,7 +386,7 @@ impl<'a> Registration<'a> {
         let level = self.levels.last()?;
         let seen =
             Sampler::new(&self.model.coarse, &*self.model.signal).sample(view, level, &Sampling::surface(2_000))?;
-        if surrounds(self.model.mesh, view) { Region::near(view, &seen.points) } else { Region::around(&seen.points) }
+        Region::around(&seen.points)
     }
 
     /// A view and the best found ones, the same number from each list, that might lie in different basins.
@@ -443,15 +437,29 @@ impl<'a> Registration<'a> {
     /// charts. The view, and how often the metric was evaluated; `None` where the view shows nothing of the model.
     pub fn climb_from(&self, start: &View) -> Option<(View, usize)> {
         let start = self.model.inward(start);
-        let mut view = start;
-        let mut evaluations = 0;
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
-        for index in (0..self.levels.len()).rev() {
-            let climb = self.climb(&mut sampler, index, &view, &start, self.options.refine)?;
+        let top = self.levels.len() - 1;
+        let (view, evaluations, _) = self.straight(&mut sampler, top, &start, self.options.refine)?;
+        Some((self.model.outward(&view), evaluations))
+    }
+
+    /// Climbs from a view through the levels from `top` down to the full photo: where it ends, evaluations and renderings;
+    /// `None` where a view on the way shows nothing of the model.
+    fn straight(
+        &self,
+        sampler: &mut Sampler,
+        top: usize,
+        start: &View,
+        refine: Refine,
+    ) -> Option<(View, usize, usize)> {
+        let (mut view, mut evaluations, mut renderings) = (*start, 0, 0);
+        for index in (0..=top).rev() {
+            let climb = self.climb(sampler, index, &view, start, refine)?;
             view = climb.view;
             evaluations += climb.evaluations;
+            renderings += climb.renderings;
         }
-        Some((self.model.outward(&view), evaluations))
+        Some((view, evaluations, renderings))
     }
 
     /// The metric of a view at full size; `None` where it shows nothing of the model.

@@ -101,15 +101,6 @@ impl Region {
         Some(Self { centre: nalgebra::center(&low, &high), diagonal: (high - low).norm() })
     }
 
-    /// A surrounding that was scanned from inside: views turn about the camera, and shifts are measured by the distance of
-    /// what is near (a tenth of the points is nearer).
-    pub(crate) fn near(view: &View, points: &[Point3<f64>]) -> Option<Self> {
-        let centre = view.pose.center();
-        let mut distances: Vec<f64> = points.iter().map(|p| (p - centre).norm()).collect();
-        distances.sort_by(f64::total_cmp);
-        Some(Self { centre, diagonal: *distances.get(distances.len() / 10)? })
-    }
-
     /// How far a view is from another: radians, or the shift of the centre in units of the diagonal where that is more.
     pub(crate) fn step(&self, from: &View, to: &View) -> f64 {
         let turn = from.pose.rotation.angle_to(&to.pose.rotation);

@@ -59,6 +59,7 @@ pub use ranks::ranks;
 pub use real::Real;
 pub use samples::Samples;
 pub use soft::{SoftParzen, SoftSamples};
+pub use spline::cubic;
 
 /// The README's example, compiled and run.
 #[cfg(doctest)]

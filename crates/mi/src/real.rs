@@ -43,67 +43,44 @@ mod sealed {
     impl Sealed for f64 {}
 }
 
-impl Real for f32 {
-    #[inline]
-    fn of(value: f64) -> Self {
-        value as f32
-    }
+/// A precision whose mantissa has so many bits after the leading one.
+macro_rules! real {
+    ($precision:ident, $mantissa:expr) => {
+        impl Real for $precision {
+            #[inline]
+            fn of(value: f64) -> Self {
+                value as $precision
+            }
 
-    #[inline]
-    fn whole(self) -> usize {
-        self as i32 as usize
-    }
+            #[inline]
+            fn whole(self) -> usize {
+                self as i32 as usize
+            }
 
-    #[inline]
-    fn unit(self) -> Self {
-        // In this order each is one instruction.
-        let above = if self > 0.0 { self } else { 0.0 };
-        if above < 1.0 { above } else { 1.0 }
-    }
+            #[inline]
+            fn unit(self) -> Self {
+                // In this order each is one instruction.
+                let above = if self > 0.0 { self } else { 0.0 };
+                if above < 1.0 { above } else { 1.0 }
+            }
 
-    #[inline]
-    fn is_missing(self) -> bool {
-        self.is_nan()
-    }
+            #[inline]
+            fn is_missing(self) -> bool {
+                self.is_nan()
+            }
 
-    #[inline]
-    fn split(self) -> (u32, Self) {
-        // Above 2²³ numbers are whole, and their last bits count.
-        const WHOLE: f32 = 8_388_608.0;
-        let half = self - 0.5;
-        let shifted = if half > 0.0 { half } else { 0.0 } + WHOLE;
-        (shifted.to_bits() & 0x007f_ffff, self - (shifted - WHOLE))
-    }
+            #[inline]
+            fn split(self) -> (u32, Self) {
+                // Above this numbers are whole, and their last bits count.
+                const WHOLE: $precision = (1u64 << $mantissa) as $precision;
+                let half = self - 0.5;
+                let shifted = if half > 0.0 { half } else { 0.0 } + WHOLE;
+                let bits = shifted.to_bits() & ((1 << $mantissa) - 1);
+                (bits as u32, self - (shifted - WHOLE))
+            }
+        }
+    };
 }
 
-impl Real for f64 {
-    #[inline]
-    fn of(value: f64) -> Self {
-        value
-    }
-
-    #[inline]
-    fn whole(self) -> usize {
-        self as i32 as usize
-    }
-
-    #[inline]
-    fn unit(self) -> Self {
-        // In this order each is one instruction.
-        let above = if self > 0.0 { self } else { 0.0 };
-        if above < 1.0 { above } else { 1.0 }
-    }
-
-    #[inline]
-    fn is_missing(self) -> bool {
-        self.is_nan()
-    }
-
-    #[inline]
-    fn split(self) -> (u32, Self) {
-        const WHOLE: f64 = 4_503_599_627_370_496.0;
-        let half = self - 0.5;
-        let shifted = if half > 0.0 { half } else { 0.0 } + WHOLE;
-        (shifted.to_bits() as u32, self - (shifted - WHOLE))
-    }
-}
+real!(f32, 23);
+real!(f64, 52);

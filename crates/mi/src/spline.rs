@@ -4,7 +4,7 @@ use crate::Real;
 
 /// The cubic B-spline at the four neighbours of a place that lies `t` (0..=1) after the second, and its derivative by `t`.
 #[inline]
-pub(crate) fn cubic<T: Real>(t: T) -> ([T; 4], [T; 4]) {
+pub fn cubic<T: Real>(t: T) -> ([T; 4], [T; 4]) {
     let c = T::of;
     let s = c(1.0) - t;
     let near = |t: T| c(2.0 / 3.0) - t * t * (c(1.0) - c(0.5) * t);

@@ -4,13 +4,13 @@
 //! affine map. "As ITK does" does the same with our density; its other rows start from the samples' values. Times are the least of runs
 //! taken in turn. ITK's bins are the same on both sides (32), ours 16 × 32.
 
-use super::{Arguments, Report, Row};
+use super::{Arguments, Report, Row, python};
 use anyhow::{Context, Result, bail, ensure};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use rayon::prelude::*;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout};
 use std::time::Instant;
 use texreg::mi::{
     ConditionalEntropy, Correlation, CorrelationRatio, Density, EntropyCorrelation, Histogram, Metric,
@@ -220,15 +220,11 @@ impl Peer {
         let bins: Vec<u16> = moving.iter().map(|v| ((v * 32.0) as u16).min(31)).collect();
         let labels = |values: &[u16]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
         let script = file("mi_peer.py", SCRIPT.into())?;
-        let python = Some(folder.join("venv/bin/python")).filter(|python| python.is_file());
-        let mut process = Command::new(python.unwrap_or_else(|| "python3".into()))
+        let mut process = python(folder)
             .arg(script)
             .args([file("fixed", floats(fixed))?, file("moving", floats(moving))?])
             .args([SIDE.to_string(), SIDE.to_string(), "32".into(), "2".into()])
             .args([file("rows", labels(model))?, file("columns", labels(&bins))?])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
             .spawn()?;
         let input = process.stdin.take().context("no input")?;
         let output = BufReader::new(process.stdout.take().context("no output")?);

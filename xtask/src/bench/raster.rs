@@ -3,12 +3,12 @@
 //! The peers are run frame by frame from one process each, a frame of theirs and a frame of ours in turn; figures are the
 //! least of all frames, with the medians told on standard error. What Embree takes to build its tree is not counted.
 
-use super::{Arguments, Report, Row};
+use super::{Arguments, Report, Row, python};
 use anyhow::{Context, Result, bail, ensure};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout};
 use std::time::Instant;
 use texreg::camera::Camera;
 use texreg::lie::Pose;
@@ -251,16 +251,12 @@ struct Peer {
 impl Peer {
     fn start(folder: &Path, script: &Path, arguments: &[&str], sizes: &[(u32, u32)]) -> Result<Self> {
         let folder = folder.canonicalize()?;
-        let python = Some(folder.join("venv/bin/python")).filter(|python| python.is_file());
-        let mut process = Command::new(python.unwrap_or_else(|| "python3".into()))
+        let mut process = python(&folder)
             .arg(script)
             .args(arguments)
             .args(sizes.iter().map(|(width, height)| format!("{width}x{height}")))
             .current_dir(folder)
             .envs([("LP_NUM_THREADS", "2"), ("LIBGL_ALWAYS_SOFTWARE", "1"), ("EGL_PLATFORM", "surfaceless")])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
             .spawn()?;
         let input = process.stdin.take().context("no input")?;
         let output = BufReader::new(process.stdout.take().context("no output")?);
