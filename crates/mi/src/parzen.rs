@@ -10,6 +10,7 @@
 //! each interval has one polynomial of `t`.
 
 use crate::{Density, Joint, Real, Samples, TwiceDifferentiable};
+use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
 
 /// A joint histogram, hard in the model's bins and smoothed by a cubic B-spline in the photo's.
@@ -29,7 +30,7 @@ pub struct Parzen {
 const CHUNK: usize = 1 << 14;
 
 /// Samples whose places are computed together.
-const BLOCK: usize = 64;
+const BLOCK: usize = 128;
 
 /// The windows of the four bins around an interval as polynomials of the place in it: `WINDOWS[j][k]` counts `t^k` of bin `j`.
 pub(crate) const WINDOWS: [[f64; 4]; 4] = [
@@ -72,12 +73,13 @@ impl Parzen {
     }
 
     /// The cells of the intervals that a block of samples is in, and the places there (0..=1).
-    #[inline]
-    fn places<T: Real>(&self, model: &[u16], photo: &[T], cells: &mut [u32; BLOCK], places: &mut [T; BLOCK]) {
+    #[inline(always)]
+    fn places<T: Real>(&self, model: &[u16; BLOCK], photo: &[T; BLOCK]) -> ([u32; BLOCK], [T; BLOCK]) {
         let scale = T::of(self.scale());
         let (stride, last) = (self.stride() as u32, self.intervals() as u32 - 1);
         let one = T::of(1.0);
-        for (((&u, &v), cell), place) in model.iter().zip(photo).zip(cells).zip(places) {
+        let (mut cells, mut places) = ([0; BLOCK], [T::default(); BLOCK]);
+        for (((&u, &v), cell), place) in model.iter().zip(photo).zip(&mut cells).zip(&mut places) {
             let (interval, t) = (v.unit() * scale).split();
             // The upper end of the range belongs to the last interval.
             let is_end = interval > last;
@@ -85,6 +87,25 @@ impl Parzen {
             let is_outside = v.is_missing();
             *cell = u32::from(u) * stride + if is_outside { stride - 1 } else { interval };
             *place = t;
+        }
+        (cells, places)
+    }
+
+    /// Adds up the moments of samples, interval by interval.
+    #[inline(always)]
+    fn sum<T: Real>(&self, model: &[u16], photo: &[T], moments: impl Fn(usize, T) -> [T; 4], table: &mut [[T; 4]]) {
+        let mut rest = ([0; BLOCK], [T::default(); BLOCK]);
+        let mut terms = [[T::default(); 4]; BLOCK];
+        for (index, (model, photo)) in model.chunks(BLOCK).zip(photo.chunks(BLOCK)).enumerate() {
+            let (at, places) = self.places(block(model, &mut rest.0), block(photo, &mut rest.1));
+            for (i, (terms, &t)) in terms.iter_mut().zip(&places[..model.len()]).enumerate() {
+                *terms = moments(index * BLOCK + i, t);
+            }
+            terms[model.len()..].fill([T::default(); 4]);
+            for (terms, &at) in terms.iter().zip(&at) {
+                let cell = &mut table[at as usize];
+                *cell = std::array::from_fn(|k| cell[k] + terms[k]);
+            }
         }
     }
 
@@ -98,46 +119,25 @@ impl Parzen {
         assert!(self.photo_bins >= 4, "a cubic window spans four photo bins");
         let (chunk, stride) = (self.chunk(), self.stride());
         let cells = self.model_bins * stride;
+        let level = Level::new();
         let tables: Vec<Vec<[T; 4]>> = (samples.model.par_chunks(chunk), samples.photo.par_chunks(chunk))
             .into_par_iter()
             .enumerate()
             .map(|(index, (model, photo))| {
-                // Neighbours are often alike: two tables in turn, or each would wait for the sum of the one before.
-                let mut table = vec![[T::default(); 4]; 2 * cells];
-                let (even, odd) = table.split_at_mut(cells);
-                let (mut at, mut places) = ([0; BLOCK], [T::default(); BLOCK]);
-                for (block, (model, photo)) in model.chunks(BLOCK).zip(photo.chunks(BLOCK)).enumerate() {
-                    self.places(model, photo, &mut at, &mut places);
-                    let first = index * chunk + block * BLOCK;
-                    let add = |table: &mut [[T; 4]], i: usize| {
-                        let moments = moments(first + i, places[i]);
-                        let cell = &mut table[at[i] as usize];
-                        *cell = std::array::from_fn(|k| cell[k] + moments[k]);
-                    };
-                    let count = model.len();
-                    for i in (0..count & !1).step_by(2) {
-                        add(even, i);
-                        add(odd, i + 1);
-                    }
-                    if count % 2 == 1 {
-                        add(even, count - 1);
-                    }
-                }
+                let mut table = vec![[T::default(); 4]; cells];
+                dispatch!(level, _simd => self.sum(model, photo, |i, t| moments(index * chunk + i, t), &mut table));
                 table
             })
             .collect();
         let mut sums = vec![[0.0; 4]; cells];
-        for table in tables {
-            for half in table.chunks_exact(cells) {
-                for (sum, cell) in sums.iter_mut().zip(half) {
-                    (0..4).for_each(|k| sum[k] += cell[k].into());
-                }
-            }
+        for table in &tables {
+            dispatch!(level, _simd => merge(&mut sums, table));
         }
         let columns = self.columns();
         let mut masses = vec![0.0; self.model_bins * columns];
         for (row, cells) in masses.chunks_exact_mut(columns).zip(sums.chunks_exact(stride)) {
-            for (interval, cell) in cells[..stride - 1].iter().enumerate() {
+            // Most cells of a large table are empty.
+            for (interval, cell) in cells[..stride - 1].iter().enumerate().filter(|(_, cell)| **cell != [0.0; 4]) {
                 for (mass, window) in row[interval..].iter_mut().zip(windows) {
                     *mass += (0..4).map(|k| window[k] * cell[k]).sum::<f64>();
                 }
@@ -159,24 +159,54 @@ impl Parzen {
                 *cell = std::array::from_fn(|k| T::of((0..4).map(|j| around[j] * windows[j][k]).sum()));
             }
         }
-        let (zero, one) = (T::default(), T::of(1.0));
+        let zero = T::default();
+        let level = Level::new();
         let mut scores = vec![zero; samples.len()];
         let chunk = self.chunk();
         (samples.model.par_chunks(chunk), samples.photo.par_chunks(chunk), scores.par_chunks_mut(chunk))
             .into_par_iter()
             .for_each(|(model, photo, scores)| {
-                let (mut at, mut places) = ([0; BLOCK], [zero; BLOCK]);
-                let blocks = model.chunks(BLOCK).zip(photo.chunks(BLOCK)).zip(scores.chunks_mut(BLOCK));
-                for ((model, photo), scores) in blocks {
-                    self.places(model, photo, &mut at, &mut places);
-                    for (((score, &v), &cell), &t) in scores.iter_mut().zip(photo).zip(&at).zip(&places) {
-                        let [a, b, c, _] = polynomials[cell as usize];
-                        let slope = a + t * (b + t * c);
-                        *score = if (v >= zero) & (v <= one) { slope } else { zero };
-                    }
-                }
+                dispatch!(level, _simd => self.look_up(&polynomials, model, photo, scores));
             });
         scores
+    }
+
+    /// The polynomials at the samples' places.
+    #[inline(always)]
+    fn look_up<T: Real>(&self, polynomials: &[[T; 4]], model: &[u16], photo: &[T], scores: &mut [T]) {
+        let mut rest = ([0; BLOCK], [T::default(); BLOCK]);
+        let mut found = [[T::default(); 4]; BLOCK];
+        let (zero, one) = (T::default(), T::of(1.0));
+        for ((model, photo), scores) in model.chunks(BLOCK).zip(photo.chunks(BLOCK)).zip(scores.chunks_mut(BLOCK)) {
+            let (at, places) = self.places(block(model, &mut rest.0), block(photo, &mut rest.1));
+            for (found, &cell) in found.iter_mut().zip(&at) {
+                *found = polynomials[cell as usize];
+            }
+            for (((score, [a, b, c, _]), &t), &v) in scores.iter_mut().zip(&found).zip(&places).zip(photo) {
+                let slope = *a + t * (*b + t * *c);
+                *score = if (v >= zero) & (v <= one) { slope } else { zero };
+            }
+        }
+    }
+}
+
+/// Adds a table to another.
+#[inline(always)]
+fn merge<T: Real>(sums: &mut [[f64; 4]], table: &[[T; 4]]) {
+    for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(table.as_flattened()) {
+        *sum += (*cell).into();
+    }
+}
+
+/// A block of samples; what is missing is zero.
+#[inline(always)]
+fn block<'a, T: Copy + Default>(part: &'a [T], padded: &'a mut [T; BLOCK]) -> &'a [T; BLOCK] {
+    match part.try_into() {
+        Ok(whole) => whole,
+        Err(_) => {
+            padded[..part.len()].copy_from_slice(part);
+            padded
+        }
     }
 }
 
