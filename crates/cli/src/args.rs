@@ -342,7 +342,7 @@ fn texels(text: &str) -> Result<NonZeroU32, String> {
 /// How the photos that see a place are blended.
 #[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
 pub(crate) enum Blend {
-    /// Low frequencies from all, high ones from the best photo
+    /// Low frequencies from all alike, high ones by how well a photo sees the place
     #[default]
     #[value(name = "multiband")]
     MultiBand,

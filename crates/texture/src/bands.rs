@@ -1,4 +1,5 @@
-//! A photo in two bands: low frequencies, which are blended over all photos that see a point, and the rest, which comes from one.
+//! A photo in two bands: low frequencies, which are blended over all photos that see a point alike, and the rest, which the
+//! sharper ones prevail in.
 //!
 //! The bands are split in the photo, not in the atlas: no chart's border shows, and no photo needs another to be split
 //! (A. Baumberg, *Blending images for texturing 3D models*, BMVC 2002).

@@ -6,8 +6,7 @@ use crate::sight::Glimpse;
 /// How the photos that see a point make its colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Blend {
-    /// Low frequencies from all, by weight; high ones from the photo of the greatest weight. Light changes gradually from photo to
-    /// photo, and what is off by a pixel or two makes no ghosts.
+    /// Low frequencies from all alike, so that none's light prevails; high ones by weight, so that the sharpest photo does.
     #[default]
     MultiBand,
     /// All from the photo of the greatest weight.
@@ -16,36 +15,38 @@ pub enum Blend {
     Mean,
 }
 
+/// The least weight; a photo that sees a point always counts.
+const LEAST: f32 = 1e-30;
+
 /// A colour that is being blended.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Mixture {
     sum: [f32; 3],
     weight: f32,
-    greatest: f32,
     high: [f32; 3],
+    high_weight: f32,
 }
 
 impl Mixture {
     /// Adds what a photo sees. `size` is the width of the texel in model units, `trust` from 0 to 1.
     pub(crate) fn add(&mut self, blend: Blend, glimpse: &Glimpse, bands: &Bands, size: f64, trust: f64) {
-        let weight = ((glimpse.weight * trust) as f32).max(f32::MIN_POSITIVE);
-        let leads = weight > self.greatest;
+        let weight = ((glimpse.weight * trust) as f32).max(LEAST);
         let level = bands.level(size * glimpse.density, glimpse.edge);
         let colour = || bands.sample(&glimpse.pixel, level);
         match blend {
             Blend::MultiBand => {
-                let low = bands.low(&glimpse.pixel);
-                self.sum(&low, weight);
-                if leads {
-                    let colour = colour();
-                    self.high = std::array::from_fn(|c| colour[c] - low[c]);
-                }
+                let (low, colour) = (bands.low(&glimpse.pixel), colour());
+                self.sum(&low, ((glimpse.even * trust) as f32).max(LEAST));
+                (0..3).for_each(|c| self.high[c] += weight * (colour[c] - low[c]));
+                self.high_weight += weight;
             }
-            Blend::Best if leads => self.high = colour(),
+            Blend::Best if weight > self.high_weight => {
+                self.high = colour().map(|x| weight * x);
+                self.high_weight = weight;
+            }
             Blend::Best => {}
             Blend::Mean => self.sum(&colour(), 1.0),
         }
-        self.greatest = self.greatest.max(weight);
     }
 
     fn sum(&mut self, colour: &[f32; 3], weight: f32) {
@@ -56,7 +57,9 @@ impl Mixture {
     /// The colour, 0 to 255; `None` if no photo sees the point.
     pub(crate) fn colour(&self) -> Option<[f32; 3]> {
         let low = self.low_or_zero();
-        (self.greatest > 0.0).then(|| std::array::from_fn(|c| (low[c] + self.high[c]).clamp(0.0, 255.0)))
+        let share = if self.high_weight > 0.0 { self.high_weight.recip() } else { 0.0 };
+        let seen = self.weight > 0.0 || self.high_weight > 0.0;
+        seen.then(|| std::array::from_fn(|c| (low[c] + share * self.high[c]).clamp(0.0, 255.0)))
     }
 
     /// Its low frequencies, where these are kept apart.

@@ -46,6 +46,8 @@ pub(crate) struct Glimpse {
     pub(crate) pixel: Point2<f64>,
     /// How much it is worth: pixels that a unit of area covers, the less the more obliquely and the nearer to an edge it is seen.
     pub(crate) weight: f64,
+    /// The same without regard to pixels and angle.
+    pub(crate) even: f64,
     /// Pixels a model unit of the surface is long, seen from straight ahead.
     pub(crate) density: f64,
     /// The distance to the nearest edge, pixels; at most 63.
@@ -126,8 +128,8 @@ impl Sight {
         }
         let density = focal / z;
         let ease = smooth(inside / self.ramp) * smooth(border / self.ramp);
-        let weight = self.trust * density * density * cosine * cosine * (1e-3 + ease);
-        Some(Glimpse { pixel, weight, density, edge })
+        let even = self.trust * (1e-3 + ease);
+        Some(Glimpse { pixel, weight: even * density * density * cosine * cosine, even, density, edge })
     }
 
     /// Pixels that see a model unit of a surface that is not hidden, the mean along and across the view's slope; `normal` may
