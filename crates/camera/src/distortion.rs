@@ -82,31 +82,41 @@ impl Distortion {
 
     /// Distorted to undistorted normalized coordinates, to full precision; `None` if nothing in the domain maps there.
     ///
-    /// The radial part alone is inverted first, by Newton's method kept inside a bracket; Newton's method in the plane
-    /// then adds the tangential part.
+    /// Newton's method in the plane finds nearly all points at once. For the others the radial part alone is inverted first, by
+    /// Newton's method kept inside a bracket.
     #[inline]
     pub fn invert(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
-        if self.is_none() { Some(*distorted) } else { self.invert_by_newton(distorted) }
+        if self.is_none() {
+            return Some(*distorted);
+        }
+        let from_itself = self.invert_from(*distorted, distorted);
+        from_itself.filter(|p| self.is_plainly_monotone(p.norm_squared())).or_else(|| self.invert_by_radius(distorted))
     }
 
-    fn invert_by_newton(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+    fn invert_by_radius(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
         let r_d = distorted.norm();
-        let mut p = if r_d == 0.0 { *distorted } else { distorted * (self.invert_radius(r_d)? / r_d) };
+        let start = if r_d == 0.0 { *distorted } else { distorted * (self.invert_radius(r_d)? / r_d) };
+        self.invert_from(start, distorted).filter(|p| self.is_monotone(p.norm_squared()))
+    }
+
+    /// Newton's method in the plane, to full precision; `None` where it does not converge or the Jacobian turns over.
+    fn invert_from(&self, mut p: Vector2<f64>, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let r_d = distorted.norm();
         let tolerance = 4.0 * f64::EPSILON * (r_d + f64::MIN_POSITIVE);
+        let (mut value, mut jacobian) = self.evaluate(&p);
         for _ in 0..20 {
-            let (value, jacobian) = self.evaluate(&p);
             let error = distorted - value;
             if error.norm() <= tolerance {
                 break;
             }
             let step = jacobian.try_inverse()? * error;
             p += step;
+            (value, jacobian) = self.evaluate(&p);
             if step.norm() <= tolerance {
                 break;
             }
         }
-        let (value, _) = self.apply_with_jacobian(&p)?;
-        ((value - distorted).norm() <= 1e-12 * (1.0 + r_d)).then_some(p)
+        ((value - distorted).norm() <= 1e-12 * (1.0 + r_d) && jacobian.determinant() > 0.0).then_some(p)
     }
 
     /// The undistorted radius at which the radial part reaches `r_d > 0`.
@@ -151,9 +161,12 @@ impl Distortion {
 
     /// Whether the slope is positive on all of [0, s].
     fn is_monotone(&self, s: f64) -> bool {
-        // The negative terms alone bound the slope from below and only fall; most points pass here.
-        let bound = 1.0 + s * (3.0 * self.k1.min(0.0) + s * (5.0 * self.k2.min(0.0) + s * 7.0 * self.k3.min(0.0)));
-        bound > 0.0 || (self.slope(s) > 0.0 && s < self.domain())
+        self.is_plainly_monotone(s) || (self.slope(s) > 0.0 && s < self.domain())
+    }
+
+    /// The same by the negative terms alone, which bound the slope from below and only fall; most points pass here.
+    fn is_plainly_monotone(&self, s: f64) -> bool {
+        1.0 + s * (3.0 * self.k1.min(0.0) + s * (5.0 * self.k2.min(0.0) + s * 7.0 * self.k3.min(0.0))) > 0.0
     }
 
     /// The squared undistorted radius up to which the radial part grows: the smallest positive root of the slope, or

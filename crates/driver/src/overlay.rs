@@ -142,8 +142,8 @@ pub fn outline_picture(mesh: &Mesh, view: &View, colour: [u8; 3]) -> Vec<[u8; 4]
         let (on_line, on_rim) = (share(&line, at, width), share(&rim, at, width));
         let opacity = 1.0 - (1.0 - 0.4 * on_rim) * (1.0 - on_line);
         let of_line = if opacity > 0.0 { on_line / opacity } else { 0.0 };
-        let mix = |k: usize| (INK[k] + (f32::from(colour[k]) - INK[k]) * of_line).round() as u8;
-        [mix(0), mix(1), mix(2), (255.0 * opacity).round() as u8]
+        let mix = |k: usize| (INK[k] + (f32::from(colour[k]) - INK[k]) * of_line + 0.5) as u8;
+        [mix(0), mix(1), mix(2), (255.0 * opacity + 0.5) as u8]
     };
     (0..width * view.camera.height as usize).into_par_iter().map(pixel).collect()
 }
@@ -272,6 +272,6 @@ fn draw_label(picture: &mut RgbImage, panel: &Panel<'_>) {
 
 fn mix(pixel: &mut [u8], colour: &[f32; 3], share: f32) {
     for (value, colour) in pixel.iter_mut().zip(colour) {
-        *value = (f32::from(*value) + (colour - f32::from(*value)) * share).round() as u8;
+        *value = (f32::from(*value) + (colour - f32::from(*value)) * share + 0.5) as u8;
     }
 }

@@ -134,7 +134,7 @@ impl Photo {
         let (width, height) = (self.width as usize, self.height as usize);
         let out = rectify(&Samples { width, height, channels: 3, values: &values }, source, target)?;
         // NaN, where nothing is seen, becomes zero.
-        RgbImage::from_raw(target.width, target.height, out.into_iter().map(|v| v.round() as u8).collect())
+        RgbImage::from_raw(target.width, target.height, out.into_iter().map(|v| (v + 0.5) as u8).collect())
     }
 }
 
@@ -236,7 +236,7 @@ fn planes(image: &DynamicImage) -> (Vec<f32>, Vec<[u8; 3]>) {
             let finite = |v: f32| if v.is_finite() { v.clamp(0.0, 1.0) } else { 0.0 };
             convert(&other.to_rgb32f(), |c: [f32; 3]| {
                 let c = c.map(finite);
-                (luma(c), c.map(|v| (v * 255.0).round() as u8))
+                (luma(c), c.map(|v| (v * 255.0 + 0.5) as u8))
             })
         }
     }
