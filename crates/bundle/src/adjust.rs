@@ -18,6 +18,7 @@
 
 use crate::Columns;
 use crate::reduced::Reduced;
+use fearless_simd::{Level, dispatch, f64x4, prelude::*};
 use nalgebra::{DMatrix, Matrix2x3, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -199,6 +200,61 @@ struct Row<const C: usize> {
     right: [f64; C],
 }
 
+impl<const C: usize> Row<C> {
+    /// Linearizes a camera's observations, and sums its row of them; `None` where the cost is not defined.
+    #[inline(always)]
+    fn linearize<'a, S: Simd, E: ReprojectionError<C>>(
+        &mut self,
+        simd: S,
+        error: &E,
+        loss: Loss,
+        camera: &E::Camera,
+        observations: &mut [Linearized<C>],
+        seen: impl Fn(usize) -> (&'a Point3<f64>, &'a Vector2<f64>),
+    ) -> Option<()> {
+        self.hessian = [[0.0; C]; C];
+        self.gradient = [0.0; C];
+        self.cost = 0.0;
+        for (k, out) in observations.iter_mut().enumerate() {
+            let (point, pixel) = seen(k);
+            let (residual, a, b) = error.linearize(camera, point, pixel)?;
+            let (cost, weight) = loss.evaluate(residual.norm_squared());
+            self.cost += 0.5 * cost;
+            let w = weight.sqrt();
+            for r in 0..2 {
+                out.residual[r] = w * residual[r];
+                (0..C).for_each(|c| out.by_camera[r][c] = w * a[(r, c)]);
+                (0..3).for_each(|c| out.by_point[r][c] = w * b[(r, c)]);
+            }
+            add_products(simd, &mut self.hessian, out.by_camera, out.by_camera);
+            let [a, b] = &out.by_camera;
+            (0..C).for_each(|i| self.gradient[i] -= a[i] * out.residual[0] + b[i] * out.residual[1]);
+        }
+        self.cost.is_finite().then_some(())
+    }
+}
+
+/// Adds `a pᵀ + b qᵀ`.
+#[inline(always)]
+fn add_products<S: Simd, const R: usize, const C: usize>(
+    simd: S,
+    out: &mut [[f64; C]; R],
+    [a, b]: [[f64; R]; 2],
+    [p, q]: [[f64; C]; 2],
+) {
+    let ((p, p_rest), (q, q_rest)) = (p.as_chunks::<4>(), q.as_chunks::<4>());
+    for ((line, a), b) in out.iter_mut().zip(a).zip(b) {
+        let (wide, rest) = line.as_chunks_mut::<4>();
+        for ((out, p), q) in wide.iter_mut().zip(p).zip(q) {
+            let sum = f64x4::simd_from(simd, *out) + f64x4::simd_from(simd, *p) * a + f64x4::simd_from(simd, *q) * b;
+            *out = sum.into();
+        }
+        for ((out, p), q) in rest.iter_mut().zip(p_rest).zip(q_rest) {
+            *out += p * a + q * b;
+        }
+    }
+}
+
 /// A point's block: the lower triangle of V by rows, minus the gradient, and for a damping the inverse and `V⁻¹ h`.
 #[derive(Clone, Copy, Default)]
 struct Block {
@@ -306,6 +362,7 @@ impl<'a, const C: usize, E: ReprojectionError<C>> System<'a, C, E> {
     fn linearize(&mut self, cameras: &[E::Camera], points: &[Point3<f64>]) -> Option<f64> {
         let (error, loss, point, pixel) = (self.error, self.loss, &self.point, &self.pixel);
         let mut rest = self.linearized.as_mut_slice();
+        let level = Level::new();
         let mut tasks = Vec::with_capacity(cameras.len());
         for (i, row) in self.rows.iter_mut().enumerate() {
             let (first, end) = (self.first_of_camera[i], self.first_of_camera[i + 1]);
@@ -314,29 +371,8 @@ impl<'a, const C: usize, E: ReprojectionError<C>> System<'a, C, E> {
             tasks.push((&cameras[i], first, mine, row));
         }
         let defined = tasks.into_par_iter().map(|(camera, first, mine, row)| {
-            row.hessian = [[0.0; C]; C];
-            row.gradient = [0.0; C];
-            row.cost = 0.0;
-            for (k, out) in mine.iter_mut().enumerate() {
-                let (residual, a, b) =
-                    error.linearize(camera, &points[point[first + k] as usize], &pixel[first + k])?;
-                let (cost, weight) = loss.evaluate(residual.norm_squared());
-                row.cost += 0.5 * cost;
-                let w = weight.sqrt();
-                for r in 0..2 {
-                    out.residual[r] = w * residual[r];
-                    (0..C).for_each(|c| out.by_camera[r][c] = w * a[(r, c)]);
-                    (0..3).for_each(|c| out.by_point[r][c] = w * b[(r, c)]);
-                }
-                let [a, b] = &out.by_camera;
-                for i in 0..C {
-                    for j in 0..C {
-                        row.hessian[i][j] += a[i] * a[j] + b[i] * b[j];
-                    }
-                    row.gradient[i] -= a[i] * out.residual[0] + b[i] * out.residual[1];
-                }
-            }
-            row.cost.is_finite().then_some(())
+            let (points, point, pixel) = (&points, &point[first..], &pixel[first..]);
+            dispatch!(level, simd => row.linearize(simd, error, loss, camera, mine, |k| (&points[point[k] as usize], &pixel[k])))
         });
         defined.collect::<Option<Vec<()>>>()?;
         let (linearized, first_of_point, of_point) = (&self.linearized, &self.first_of_point, &self.of_point);
@@ -383,57 +419,54 @@ impl<'a, const C: usize, E: ReprojectionError<C>> System<'a, C, E> {
         });
         inverted.collect::<Option<Vec<()>>>()?;
 
-        let (linearized, blocks, camera, point) = (&self.linearized, &self.blocks, &self.camera, &self.point);
-        let (first_of_camera, first_of_point, of_point) = (&self.first_of_camera, &self.first_of_point, &self.of_point);
         let cameras = self.rows.len();
-        self.rows.par_iter_mut().enumerate().for_each_init(
+        let mut rows = std::mem::take(&mut self.rows);
+        let level = Level::new();
+        rows.par_iter_mut().enumerate().for_each_init(
             || vec![0u32; cameras],
-            |slots, (i, row)| {
-                row.others.iter().enumerate().for_each(|(slot, &j)| slots[j as usize] = slot as u32);
-                row.blocks.iter_mut().for_each(|block| *block = [[0.0; C]; C]);
-                row.blocks[0] = row.hessian;
-                (0..C).for_each(|k| row.blocks[0][k][k] += damping * row.hessian[k][k].max(LEAST_DIAGONAL));
-                row.right = row.gradient;
-                for o in first_of_camera[i]..first_of_camera[i + 1] {
-                    let p = point[o] as usize;
-                    let mine = &linearized[o];
-                    let block = &blocks[p];
-                    let [a, b] = &mine.by_camera;
-                    let [s, t] = mine.by_point.map(|row| dot(&row, &block.solved));
-                    (0..C).for_each(|k| row.right[k] -= a[k] * s + b[k] * t);
-                    // B V⁻¹, 2 × 3.
-                    let gain = mine.by_point.map(|row| [0, 1, 2].map(|j| dot(&row, &block.inverse[j])));
-                    let all = &of_point[first_of_point[p]..first_of_point[p + 1]];
-                    for &other in all.iter().rev() {
-                        let other = other as usize;
-                        // A camera that saw a point twice meets itself in both orders.
-                        if other < o && camera[other] as usize != i {
-                            break;
-                        }
-                        let theirs = &linearized[other];
-                        let m = gain.map(|row| theirs.by_point.map(|other| dot(&row, &other)));
-                        let [c, d] = &theirs.by_camera;
-                        let out = &mut row.blocks[slots[camera[other] as usize] as usize];
-                        let mut top = [0.0; C];
-                        let mut bottom = [0.0; C];
-                        for k in 0..C {
-                            top[k] = m[0][0] * c[k] + m[0][1] * d[k];
-                            bottom[k] = m[1][0] * c[k] + m[1][1] * d[k];
-                        }
-                        for (k, line) in out.iter_mut().enumerate() {
-                            for l in 0..C {
-                                line[l] -= a[k] * top[l] + b[k] * bottom[l];
-                            }
-                        }
-                    }
-                }
-            },
+            |slots, (i, row)| dispatch!(level, simd => self.reduce_row(simd, i, row, damping, slots)),
         );
+        self.rows = rows;
         self.reduced.assemble(
             self.columns,
             self.rows.iter().map(|row| (row.others.as_slice(), row.blocks.as_slice(), &row.right)),
         );
         Some(())
+    }
+
+    /// A camera's row of S for a damping. `slots` has room for the place of each camera in the row.
+    #[inline(always)]
+    fn reduce_row<S: Simd>(&self, simd: S, i: usize, row: &mut Row<C>, damping: f64, slots: &mut [u32]) {
+        let (linearized, blocks, camera) = (&self.linearized, &self.blocks, &self.camera);
+        row.others.iter().enumerate().for_each(|(slot, &j)| slots[j as usize] = slot as u32);
+        row.blocks.iter_mut().for_each(|block| *block = [[0.0; C]; C]);
+        row.blocks[0] = row.hessian;
+        (0..C).for_each(|k| row.blocks[0][k][k] += damping * row.hessian[k][k].max(LEAST_DIAGONAL));
+        row.right = row.gradient;
+        for o in self.first_of_camera[i]..self.first_of_camera[i + 1] {
+            let p = self.point[o] as usize;
+            let mine = &linearized[o];
+            let block = &blocks[p];
+            let [a, b] = &mine.by_camera;
+            let [s, t] = mine.by_point.map(|row| dot(&row, &block.solved));
+            (0..C).for_each(|k| row.right[k] -= a[k] * s + b[k] * t);
+            // B V⁻¹, 2 × 3.
+            let gain = mine.by_point.map(|row| [0, 1, 2].map(|j| dot(&row, &block.inverse[j])));
+            let all = &self.of_point[self.first_of_point[p]..self.first_of_point[p + 1]];
+            for &other in all.iter().rev() {
+                let other = other as usize;
+                // A camera that saw a point twice meets itself in both orders.
+                if other < o && camera[other] as usize != i {
+                    break;
+                }
+                let theirs = &linearized[other];
+                let m = gain.map(|row| theirs.by_point.map(|other| dot(&row, &other)));
+                let mut products = [[0.0; C]; 2];
+                add_products(simd, &mut products, [[-m[0][0], -m[1][0]], [-m[0][1], -m[1][1]]], theirs.by_camera);
+                let out = &mut row.blocks[slots[camera[other] as usize] as usize];
+                add_products(simd, out, mine.by_camera, products);
+            }
+        }
     }
 
     /// Solves for a step; what it promises to take off the cost, and its length.
