@@ -131,6 +131,14 @@ impl Atlas {
         if area.abs() < 0.25 * longest { (face, clamped(weights)) } else { (face, weights) }
     }
 
+    /// The vertices' colours at a texel.
+    pub(crate) fn interpolated(&self, mesh: &Mesh, texel: u32, colours: &[[f32; 3]]) -> [f32; 3] {
+        let (face, weights) = self.weights(texel);
+        let corners = mesh.triangles[face as usize].map(|v| colours[v as usize]);
+        let weights = clamped(weights).map(|w| w as f32);
+        std::array::from_fn(|c| (0..3).map(|k| weights[k] * corners[k][c]).sum())
+    }
+
     /// The point of the surface that a texel shows.
     pub(crate) fn point(&self, mesh: &Mesh, texel: u32) -> (u32, SurfacePoint) {
         let (face, weights) = self.weights(texel);

@@ -2,10 +2,12 @@
 //!
 //! Both come from cells, blocks of texels, at whose middle every photo that sees it is asked for its colour.
 
-use crate::atlas::Atlas;
+use crate::atlas::{Atlas, clamped};
+use crate::inpaint::spread;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use texreg_raster::NO_FACE;
+use texreg_surface::Mesh;
 
 /// Texels along the side of a cell.
 pub(crate) const CELL: u32 = 8;
@@ -18,7 +20,9 @@ const FEWEST: usize = 30;
 /// The pull of gains towards 1, as a share of the weight of one comparison.
 const PULL: f64 = 1e-3;
 /// The difference from what most photos show at which trust is down to a quarter, of 255; it grows with their own spread.
-const TOLERANCE: f32 = 24.0;
+const TOLERANCE: f32 = 40.0;
+/// Photos that differ by no more in a cell, of 255, agree there.
+const AGREED: f32 = 24.0;
 
 /// The colours of a photo by cell; the fourth number is 0 where it sees nothing.
 pub(crate) type Observations = Vec<[u8; 4]>;
@@ -51,6 +55,18 @@ impl Cells {
     pub(crate) fn of(&self, texel: u32) -> usize {
         let (x, y) = (texel % self.atlas_width, texel / self.atlas_width);
         (y / CELL * self.width + x / CELL) as usize
+    }
+
+    /// By cell, the least value of it and of the eight around it.
+    fn least_around(&self, values: &[u8]) -> Vec<u8> {
+        let width = self.width as usize;
+        let least = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            let rows = (y.saturating_sub(1)..(y + 2).min(values.len() / width)).map(|y| y * width);
+            let row = |start: usize| values[start + x.saturating_sub(1)..start + (x + 2).min(width)].iter();
+            rows.flat_map(row).copied().min().unwrap_or(values[i])
+        };
+        (0..values.len()).map(least).collect()
     }
 }
 
@@ -117,30 +133,73 @@ fn encoded(light: f64) -> f64 {
     if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// How far to trust each photo in each cell, 0 to 255: where three or more see it, those that differ from most others are
-/// not trusted. Such is what stands between camera and surface, and a highlight.
-pub(crate) fn trust(observations: &[Observations], tables: &[[[f32; 256]; 3]]) -> Vec<Vec<u8>> {
-    let cells = observations.first().map_or(0, Vec::len);
-    let mut trust = vec![vec![u8::MAX; cells]; observations.len()];
-    if observations.len() < 3 {
-        return trust;
+/// The photos that see a cell, and the colours they show there after their `tables`.
+fn shown(observations: &[Observations], tables: &[[[f32; 256]; 3]], cell: usize) -> Vec<(usize, [f32; 3])> {
+    let seeing = (0..observations.len()).filter(|&i| observations[i][cell][3] > 0);
+    let colour = |i: usize| std::array::from_fn(|c| tables[i][c][usize::from(observations[i][cell][c])]);
+    seeing.map(|i| (i, colour(i))).collect()
+}
+
+/// What the surface around each cell looks like: colours spread over it from the cells in which two or more photos agree. Empty if
+/// there is none.
+pub(crate) fn surroundings(
+    mesh: &Mesh,
+    atlas: &Atlas,
+    cells: &Cells,
+    observations: &[Observations],
+    tables: &[[[f32; 256]; 3]],
+) -> Vec<[f32; 3]> {
+    let mut sums = vec![[0.0f32; 4]; mesh.positions.len()];
+    for (cell, &texel) in cells.texels.iter().enumerate() {
+        let colours = shown(observations, tables, cell);
+        let [low, high] = [f32::min, f32::max].map(|extreme| {
+            let first = colours.first().map_or([0.0; 3], |(_, colour)| *colour);
+            colours.iter().fold(first, |all, (_, colour)| std::array::from_fn(|c| extreme(all[c], colour[c])))
+        });
+        if colours.len() < 2 || (0..3).any(|c| high[c] - low[c] > AGREED) {
+            continue;
+        }
+        let (face, weights) = atlas.weights(texel);
+        for (&vertex, weight) in mesh.triangles[face as usize].iter().zip(clamped(weights)) {
+            let (sum, weight) = (&mut sums[vertex as usize], weight as f32);
+            (0..3).for_each(|c| sum[c] += weight * 0.5 * (low[c] + high[c]));
+            sum[3] += weight;
+        }
     }
-    let by_cell: Vec<Vec<(usize, u8)>> = (0..cells)
+    let known = |s: &[f32; 4]| (s[3] > 0.0).then(|| [s[0] / s[3], s[1] / s[3], s[2] / s[3]]);
+    let known: Vec<Option<[f32; 3]>> = sums.iter().map(known).collect();
+    if known.iter().all(Option::is_none) {
+        return Vec::new();
+    }
+    let colours = spread(mesh, &known);
+    let at = |&texel: &u32| if texel == u32::MAX { [0.0; 3] } else { atlas.interpolated(mesh, texel, &colours) };
+    cells.texels.par_iter().with_min_len(1 << 10).map(at).collect()
+}
+
+/// How far to trust each photo in each cell, 0 to 255: those that differ from what most show are not trusted there, nor in the
+/// cells next to it. Such is what stands between camera and surface, and a highlight. Where the number of photos is even, what is
+/// around the cell has a vote as well, or two photos that differ could not be decided between.
+pub(crate) fn trust(
+    observations: &[Observations],
+    tables: &[[[f32; 256]; 3]],
+    surroundings: &[[f32; 3]],
+    cells: &Cells,
+) -> Vec<Vec<u8>> {
+    let by_cell: Vec<Vec<(usize, u8)>> = (0..cells.texels.len())
         .into_par_iter()
         .with_min_len(1 << 10)
         .map(|cell| {
-            let colours: Vec<(usize, [f32; 3])> = (0..observations.len())
-                .filter(|&i| observations[i][cell][3] > 0)
-                .map(|i| (i, std::array::from_fn(|c| tables[i][c][usize::from(observations[i][cell][c])])))
-                .collect();
-            if colours.len() < 3 {
+            let colours = shown(observations, tables, cell);
+            let vote = surroundings.get(cell).filter(|_| colours.len().is_multiple_of(2));
+            if colours.len() + usize::from(vote.is_some()) < 3 {
                 return Vec::new();
             }
             let median = |mut values: Vec<f32>| {
                 let middle = (values.len() - 1) / 2;
                 *values.select_nth_unstable_by(middle, f32::total_cmp).1
             };
-            let centre: [f32; 3] = std::array::from_fn(|c| median(colours.iter().map(|(_, v)| v[c]).collect()));
+            let votes = || colours.iter().map(|(_, colour)| colour).chain(vote);
+            let centre: [f32; 3] = std::array::from_fn(|c| median(votes().map(|v| v[c]).collect()));
             let distance = |v: &[f32; 3]| (0..3).map(|c| (v[c] - centre[c]).abs()).fold(0.0, f32::max);
             let spread = median(colours.iter().map(|(_, v)| distance(v)).collect());
             let tolerance = TOLERANCE + 2.0 * spread;
@@ -148,10 +207,11 @@ pub(crate) fn trust(observations: &[Observations], tables: &[[[f32; 256]; 3]]) -
             colours.iter().map(|(i, v)| (*i, trusted(v))).collect()
         })
         .collect();
+    let mut trust = vec![vec![u8::MAX; cells.texels.len()]; observations.len()];
     for (cell, values) in by_cell.iter().enumerate() {
         values.iter().for_each(|&(i, value)| trust[i][cell] = value);
     }
-    trust
+    trust.par_iter().map(|trust| cells.least_around(trust)).collect()
 }
 
 #[cfg(test)]
@@ -191,8 +251,28 @@ mod tests {
     fn what_most_photos_do_not_see_is_not_trusted() {
         let photos =
             [[100u8, 100, 100, 255], [104, 99, 101, 255], [20, 20, 20, 255], [97, 100, 99, 255]].map(|v| vec![v; 5]);
-        let tables = vec![[table(1.0); 3]; 4];
-        let trust = trust(&photos, &tables);
-        assert!(trust[0][0] > 200 && trust[1][0] > 200 && trust[3][0] > 200 && trust[2][0] < 40, "{trust:?}");
+        let trust = trust(&photos, &[[table(1.0); 3]; 4], &[], &row(5));
+        assert!(trust[0][0] > 200 && trust[1][0] > 200 && trust[3][0] > 200 && trust[2][0] < 60, "{trust:?}");
+    }
+
+    #[test]
+    fn what_is_around_decides_between_two_photos() {
+        // In the third of five cells, something dark stands before one of them.
+        let mut dark = vec![[180u8, 150, 120, 255]; 5];
+        let photos = [dark.clone(), {
+            dark[2] = [30, 30, 30, 255];
+            dark
+        }];
+        let tables = [[table(1.0); 3]; 2];
+        let undecided = trust(&photos, &tables, &[], &row(5));
+        assert!(undecided.iter().flatten().all(|t| *t == 255), "{undecided:?}");
+        let found = trust(&photos, &tables, &[[170.0, 150.0, 130.0]; 5], &row(5));
+        assert!(found[0].iter().all(|t| *t > 200), "{found:?}");
+        assert!(found[1][1..4].iter().all(|t| *t < 20) && found[1][0] > 200 && found[1][4] > 200, "{found:?}");
+    }
+
+    /// Cells in a row.
+    fn row(count: u32) -> Cells {
+        Cells { width: count, atlas_width: count * CELL, texels: (0..count).map(|i| i * CELL).collect() }
     }
 }

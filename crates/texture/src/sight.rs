@@ -44,9 +44,9 @@ pub(crate) struct Sight {
 pub(crate) struct Glimpse {
     /// Where it sees it.
     pub(crate) pixel: Point2<f64>,
-    /// How much it is worth: pixels that a unit of area covers, the less the more obliquely and the nearer to an edge it is seen.
+    /// How much it is worth: pixels that a unit of length covers along the view's slope, the less the nearer to an edge.
     pub(crate) weight: f64,
-    /// The same without regard to pixels and angle.
+    /// The same without regard to pixels.
     pub(crate) even: f64,
     /// Pixels a model unit of the surface is long, seen from straight ahead.
     pub(crate) density: f64,
@@ -129,7 +129,7 @@ impl Sight {
         let density = focal / z;
         let ease = smooth(inside / self.ramp) * smooth(border / self.ramp);
         let even = self.trust * (1e-3 + ease);
-        Some(Glimpse { pixel, weight: even * density * density * cosine * cosine, even, density, edge })
+        Some(Glimpse { pixel, weight: even * density * cosine, even, density, edge })
     }
 
     /// Pixels that see a model unit of a surface that is not hidden, the mean along and across the view's slope; `normal` may

@@ -1,10 +1,10 @@
 //! From cameras and photos to a texture, photo by photo: memory holds one photo and the texture, however many photos there are.
 
 use crate::Error;
-use crate::atlas::{Atlas, SurfacePoint, clamped};
+use crate::atlas::{Atlas, SurfacePoint};
 use crate::bands::{Bands, Pixels};
 use crate::blend::{Blend, Mixture};
-use crate::consensus::{CELL, Cells, Observations, gains, table, trust};
+use crate::consensus::{CELL, Cells, Observations, gains, surroundings, table, trust};
 use crate::inpaint::spread;
 use crate::sight::Sight;
 use image::{GrayImage, Luma, Rgb, RgbImage};
@@ -116,7 +116,8 @@ pub fn texture<E: From<Error>>(
     }
     let gains = if options.balance { gains(&observations) } else { vec![[1.0; 3]; sources.len()] };
     let tables: Vec<[[f32; 256]; 3]> = gains.iter().map(|gain| gain.map(table)).collect();
-    let trust = trust(&observations, &tables);
+    let surroundings = surroundings(mesh, &atlas, &cells, &observations, &tables);
+    let trust = trust(&observations, &tables, &surroundings, &cells);
     drop(observations);
 
     let texels = atlas.texels();
@@ -147,12 +148,7 @@ pub fn texture<E: From<Error>>(
     let low: Vec<Option<[f32; 3]>> = vertex_mixtures.iter().map(Mixture::low).collect();
     let spread = spread(mesh, &low);
     let byte = |colour: [f32; 3]| colour.map(|x| x.round().clamp(0.0, 255.0) as u8);
-    let fill = |texel: u32| {
-        let (face, weights) = atlas.weights(texel);
-        let corners = mesh.triangles[face as usize].map(|v| spread[v as usize]);
-        let weights = clamped(weights).map(|w| w as f32);
-        byte(std::array::from_fn(|c| (0..3).map(|k| weights[k] * corners[k][c]).sum()))
-    };
+    let fill = |texel: u32| byte(atlas.interpolated(mesh, texel, &spread));
     let colour = |mixture: &Mixture, fill: &dyn Fn() -> [u8; 3]| match (mixture.colour(), options.unseen) {
         (Some(colour), _) => byte(colour),
         (None, Unseen::Inpaint) => fill(),
