@@ -6,12 +6,12 @@ use nalgebra::Rotation3;
 use rayon::prelude::*;
 use texreg_camera::View;
 use texreg_lie::Pose;
-use texreg_raster::{NO_FACE, Options, Triangles, render};
+use texreg_raster::{NO_FACE, Options, render};
 use texreg_surface::{Mesh, Signal, Surfel};
 
 /// Draws a signal of the model as a view of the world sees it; the background is black.
 pub fn layer(mesh: &Mesh, signal: &dyn Signal, view: &View) -> RgbImage {
-    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let triangles = mesh.shape();
     let camera_from_mesh = view.pose * Pose::new(Rotation3::identity(), mesh.origin);
     let options = Options { barycentric: true, ..Options::default() };
     let buffer = render(&triangles, &view.camera, &camera_from_mesh, &options);

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Agreement, EdgeAgreement, Real};
-use texreg_raster::{GBuffer, NO_FACE, Raycaster, Triangles};
+use texreg_raster::{GBuffer, NO_FACE, Raycaster};
 use texreg_surface::Mesh;
 
 /// Needles on the surface, with weights.
@@ -134,7 +134,7 @@ impl Needles {
 
 /// The unit normal of each pixel in the camera's frame; zero where there is no surface.
 fn normals(mesh: &Mesh, picture: &GBuffer, camera: &Camera, view: &View) -> Vec<Vector3<f32>> {
-    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let triangles = mesh.shape();
     let rotation: Matrix3<f32> = view.pose.rotation.matrix().cast();
     let rows: Vec<Vec<Vector3<f32>>> = picture
         .face

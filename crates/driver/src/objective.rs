@@ -311,7 +311,7 @@ pub(crate) mod tests {
     use texreg_camera::{Distortion, Intrinsics};
     use texreg_lie::Pose;
     use texreg_optim::Manifold;
-    use texreg_raster::{GBuffer, Options, Renderer, Triangles};
+    use texreg_raster::{GBuffer, Options, Renderer};
     use texreg_surface::{Attributes, Mesh};
 
     /// A bumpy sheet inside a smooth picture, and bins that have to do with what is seen.
@@ -355,7 +355,7 @@ pub(crate) mod tests {
         }
         let mesh = Mesh::new(&positions, triangles, Attributes::default()).unwrap();
         let mut picture = GBuffer::default();
-        let shape = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        let shape = mesh.shape();
         Renderer::new().render(&shape, &view.camera, &view.pose, &Options::default(), &mut picture);
         samples.needles = Some(Needles::of(&mesh, &picture, &view.camera, &view, 500));
         samples.contour = Some(Contour::of(&picture, &view.camera, &view));

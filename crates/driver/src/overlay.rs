@@ -12,7 +12,7 @@ use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_wid
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_lie::Pose;
-use texreg_raster::{GBuffer, NO_FACE, Options, Triangles, render};
+use texreg_raster::{GBuffer, NO_FACE, Options, render};
 use texreg_surface::Mesh;
 
 use crate::{Photo, Window};
@@ -133,7 +133,7 @@ impl Frame {
 pub fn outline_picture(mesh: &Mesh, view: &View, colour: [u8; 3]) -> Vec<[u8; 4]> {
     let camera = view.camera.scaled(f64::from(FINE));
     let camera_from_mesh = view.pose * Pose::new(nalgebra::Rotation3::identity(), mesh.origin);
-    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let triangles = mesh.shape();
     let fine = render(&triangles, &camera, &camera_from_mesh, &Options::default());
     let edges = edges(&fine, (JUMP * mesh.diagonal()) as f32);
     let (line, rim) = (spread(&edges, fine.width, 1), spread(&edges, fine.width, 3));
@@ -158,7 +158,7 @@ fn share(marks: &[bool], at: usize, width: usize) -> f32 {
 
 fn draw_model(picture: &mut RgbImage, mesh: &Mesh, frame: &Frame, panel: &Panel<'_>) {
     let pose = panel.view.pose;
-    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let triangles = mesh.shape();
     let camera_from_mesh = pose * Pose::new(nalgebra::Rotation3::identity(), mesh.origin);
     let options = Options { barycentric: true, ..Options::default() };
     let fine = render(&triangles, &frame.camera(&panel.view.camera), &camera_from_mesh, &options);

@@ -11,7 +11,7 @@ use crate::palette::palette;
 use crate::samples::dither;
 use texreg_camera::View;
 use texreg_mi::{Joint, Metric, MutualInformation};
-use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles, outline};
+use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, outline};
 use texreg_surface::{Mesh, Signal, Surfel};
 
 /// How far around the silhouette the background counts, in pixels of the picture.
@@ -117,7 +117,7 @@ impl Overview {
         let Workspace { renderer, picture, bins } = workspace;
         let mut camera = view.camera.scaled(1.0 / self.factor as f64);
         (camera.width, camera.height) = (self.width as u32, self.height as u32);
-        let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        let triangles = mesh.shape();
         let options = Options { parallel: false, ..Options::default() };
         renderer.render(&triangles, &camera, &view.pose, &options, picture);
         let viewpoint = viewpoint(view);

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, Point3, Vector2};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Mutual, PhotoPair};
-use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles};
+use texreg_raster::{GBuffer, NO_FACE, Options, Renderer};
 use texreg_surface::Mesh;
 
 /// Points that two photos see.
@@ -136,7 +136,7 @@ impl DepthMap {
     /// Renders a mesh as a view sees it at a level's size.
     pub(crate) fn new(mesh: &Mesh, view: &View, level: &Level) -> Self {
         let view = View { camera: level.camera(&view.camera), pose: view.pose };
-        let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        let triangles = mesh.shape();
         let mut picture = GBuffer::default();
         Renderer::new().render(&triangles, &view.camera, &view.pose, &Options::default(), &mut picture);
         Self { view, picture }

@@ -8,7 +8,7 @@ use crate::pyramid::Level;
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
-use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, Triangles, outline};
+use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, outline};
 use texreg_surface::{Headlight, Mesh, Signal, Surfel};
 
 /// Surface points with fixed bins, and what else metrics look at.
@@ -89,7 +89,7 @@ impl<'a> Sampler<'a> {
     /// move rigidly with the object and share one bin, so that they hold its occluding contour.
     pub(crate) fn sample(&mut self, view: &View, level: &Level, sampling: &Sampling) -> Option<SurfaceSamples> {
         let camera = level.camera(&view.camera);
-        let mesh = Triangles { positions: &self.mesh.positions, indices: &self.mesh.triangles };
+        let mesh = self.mesh.shape();
         self.renderer.render(&mesh, &camera, &view.pose, &Options::default(), &mut self.picture);
         let picture = &self.picture;
         let covered = picture.covered();

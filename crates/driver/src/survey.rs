@@ -11,7 +11,7 @@ use nalgebra::{Point2, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, Intrinsics, View};
 use texreg_lie::Pose;
-use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles};
+use texreg_raster::{GBuffer, NO_FACE, Options, Renderer};
 use texreg_surface::{Mesh, Signal, Surfel};
 
 /// Orientations: about 17° apart.
@@ -149,7 +149,7 @@ impl Stamp {
             intrinsics: Intrinsics { fx: focal, fy: focal, cx: centre, cy: centre, skew: 0.0 },
             distortion: Default::default(),
         };
-        let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        let triangles = mesh.shape();
         let options = Options { parallel: false, ..Options::default() };
         self.renderer.render(&triangles, &camera, pose, &options, &mut self.picture);
         let viewpoint = viewpoint(&View { camera, pose: *pose });

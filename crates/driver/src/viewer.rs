@@ -8,7 +8,7 @@ use nalgebra::{Point2, Point3, Rotation3, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_lie::Pose;
-use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, Triangles, render};
+use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, render};
 use texreg_surface::Mesh;
 
 use crate::Photo;
@@ -129,7 +129,7 @@ impl Projected {
     /// Lays a photo on a model.
     pub fn new(mesh: &Mesh, photo: Arc<Photo>, view: &View) -> Self {
         let scale = (SEEN / f64::from(photo.width.max(photo.height))).min(1.0);
-        let seen = render(&triangles(mesh), &view.camera.scaled(scale), &from_mesh(view, mesh), &Options::default());
+        let seen = render(&mesh.shape(), &view.camera.scaled(scale), &from_mesh(view, mesh), &Options::default());
         Self { photo, view: *view, seen, scale, slack: SLACK * mesh.diagonal() }
     }
 
@@ -161,7 +161,7 @@ impl Viewer {
     pub fn draw(&mut self, mesh: &Mesh, view: &View, skin: &Skin, background: [u8; 4]) -> &[[u8; 4]] {
         let Self { renderer, seen, pixels } = self;
         let options = Options { barycentric: true, ..Options::default() };
-        renderer.render(&triangles(mesh), &view.camera, &from_mesh(view, mesh), &options, seen);
+        renderer.render(&mesh.shape(), &view.camera, &from_mesh(view, mesh), &options, seen);
         pixels.resize(seen.face.len(), background);
         let painter = Painter { mesh, rotation: view.pose.rotation.cast(), skin };
         let width = (seen.width as usize).max(1);
@@ -246,15 +246,11 @@ pub fn pick(mesh: &Mesh, view: &View, pixel: &Point2<f64>) -> Option<Point3<f64>
     let mut camera = Camera { width: 1, height: 1, ..view.camera };
     camera.intrinsics.cx -= pixel.x;
     camera.intrinsics.cy -= pixel.y;
-    let (triangles, camera_from_mesh) = (triangles(mesh), from_mesh(view, mesh));
+    let (triangles, camera_from_mesh) = (mesh.shape(), from_mesh(view, mesh));
     let seen = render(&triangles, &camera, &camera_from_mesh, &Options::default());
     let face = seen.face.first().copied().filter(|&face| face != NO_FACE)?;
     let point = Raycaster::new(&camera, &camera_from_mesh).point(&triangles, face, Point2::origin())?;
     Some(point + mesh.origin)
-}
-
-fn triangles(mesh: &Mesh) -> Triangles<'_> {
-    Triangles { positions: &mesh.positions, indices: &mesh.triangles }
 }
 
 /// The pose of a view for the mesh's own frame.

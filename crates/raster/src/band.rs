@@ -5,12 +5,14 @@
 //! gets depends on the triangle and the pixel alone, never on the strip.
 
 use crate::corner::{Corner, SUBPIXEL_BITS, first_pixel, twice_area};
-use crate::sieve::{Fragment, Sink};
 use crate::three::each;
 use fearless_simd::{f32x8, i32x8, prelude::*, u32x8, u64x4};
 
 /// Pixels looked at together.
 const LANES: usize = 8;
+
+/// Pixels a side of the tiles by which depths are summed up.
+pub(crate) const TILE: usize = 8;
 
 /// Whole-pixel edge functions of a triangle in a box of this many units fit in an i32.
 const MEDIUM: i32 = 256 << SUBPIXEL_BITS;
@@ -76,12 +78,11 @@ struct Setup {
 }
 
 impl Band<'_> {
-    /// Shows a triangle at a pixel of this band unless something nearer is there.
+    /// Shows a triangle at a pixel, by its index in the band, unless something nearer is there.
     #[inline(always)]
-    pub(crate) fn put(&mut self, fragment: Fragment) {
-        let index = fragment.pixel as usize - (self.top * self.width) as usize;
-        if let Some(there) = self.keys.get_mut(index) {
-            *there = (*there).max(key(fragment.w, fragment.face));
+    pub(crate) fn put(&mut self, pixel: usize, w: f32, face: u32) {
+        if let Some(there) = self.keys.get_mut(pixel) {
+            *there = (*there).max(key(w, face));
         }
     }
 
@@ -165,6 +166,21 @@ impl Band<'_> {
         }
     }
 
+    /// 1/z of the farthest pixel in each tile, row by row of tiles; 0 where there is background.
+    #[inline(always)]
+    pub(crate) fn farthest(&self, tiles: &mut [f32]) {
+        let width = self.width as usize;
+        for (tiles, rows) in tiles.chunks_mut(width.div_ceil(TILE)).zip(self.keys.chunks(width * TILE)) {
+            tiles.fill(f32::INFINITY);
+            for row in rows.chunks_exact(width) {
+                for (tile, keys) in tiles.iter_mut().zip(row.chunks(TILE)) {
+                    let least = keys.iter().fold(u64::MAX, |least, &key| least.min(key));
+                    *tile = tile.min(unlock(least).0);
+                }
+            }
+        }
+    }
+
     /// Finds the covered span of every row by division.
     fn fill_large(&mut self, face: u32, setup: &Setup) {
         let Setup { sides, w, rest, range, x, y } = setup;
@@ -193,25 +209,5 @@ impl Band<'_> {
                 *there = (*there).max(key(here, face));
             }
         }
-    }
-}
-
-impl Sink for Band<'_> {
-    #[inline(always)]
-    fn fragment(&mut self, fragment: Fragment, _y: u32) {
-        self.put(fragment);
-    }
-
-    #[inline(always)]
-    fn triangle<S: Simd>(&mut self, simd: S, face: u32, corners: [Corner; 3]) {
-        simd.vectorize(
-            #[inline(always)]
-            || self.draw(simd, face, corners),
-        );
-    }
-
-    #[inline(always)]
-    fn piece<S: Simd>(&mut self, simd: S, face: u32, corners: [Corner; 3]) {
-        self.triangle(simd, face, corners);
     }
 }

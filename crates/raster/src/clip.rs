@@ -3,7 +3,7 @@
 //! Clipping is I. E. Sutherland and G. W. Hodgman's (*Reentrant polygon clipping*, CACM 1974). Every new vertex depends on
 //! the edge it lies on alone, taken from its inner to its outer end, so triangles that share an edge stay sealed.
 
-use crate::corner::Corner;
+use crate::corner::{Corner, SUBPIXELS};
 use crate::projector::{Lens, Projector};
 use nalgebra::Vector3;
 
@@ -17,8 +17,27 @@ pub(crate) struct Vertex {
     pub(crate) corner: Option<Corner>,
 }
 
-/// Hands the visible part of a triangle to `emit`, as triangles that are drawn with straight edges.
-pub(crate) fn clip(projector: &Projector, triangle: [Vertex; 3], emit: &mut impl FnMut([Corner; 3])) {
+/// The pixels that are drawn: first and last column, first and last row.
+pub(crate) struct Window {
+    pub(crate) x: [i32; 2],
+    pub(crate) y: [i32; 2],
+}
+
+impl Window {
+    /// Whether a triangle whose edges are bent by the lens may reach into the window.
+    fn may_show(&self, [a, b, c]: [Corner; 3], lens: &Lens) -> bool {
+        let range = |a: i32, b: i32, c: i32| [f64::from(a.min(b).min(c)), f64::from(a.max(b).max(c))];
+        let (x, y) = (range(a.x, b.x, c.x), range(a.y, b.y, c.y));
+        let margin = lens.bend((x[1] - x[0]).max(y[1] - y[0]));
+        let reaches = |[low, high]: [f64; 2], [first, last]: [i32; 2]| {
+            high + margin >= f64::from(first) * SUBPIXELS && low - margin <= f64::from(last) * SUBPIXELS
+        };
+        reaches(x, self.x) && reaches(y, self.y)
+    }
+}
+
+/// Hands the part of a triangle that is visible in a window to `emit`, as triangles that are drawn with straight edges.
+pub(crate) fn clip(projector: &Projector, triangle: [Vertex; 3], window: &Window, emit: &mut impl FnMut([Corner; 3])) {
     if triangle.iter().any(|v| !v.point.iter().all(|x| x.is_finite())) {
         return;
     }
@@ -36,7 +55,7 @@ pub(crate) fn clip(projector: &Projector, triangle: [Vertex; 3], emit: &mut impl
         vertex.corner = vertex.corner.or_else(|| lens.corner(&vertex.point));
     }
     for pair in polygon.get(1..).unwrap_or_default().windows(2) {
-        split(lens, [polygon[0], pair[0], pair[1]], DEEPEST, emit);
+        split(lens, [polygon[0], pair[0], pair[1]], window, DEEPEST, emit);
     }
 }
 
@@ -58,12 +77,15 @@ fn cut_by(polygon: &[Vertex], side: impl Fn(&Vector3<f64>) -> f64, inside: &mut 
 }
 
 /// Halves the edges that are longer than the lens allows, and so on; an edge's fate depends on its two ends alone.
-fn split(lens: &Lens, triangle: [Vertex; 3], depth: u32, emit: &mut impl FnMut([Corner; 3])) {
+fn split(lens: &Lens, triangle: [Vertex; 3], window: &Window, depth: u32, emit: &mut impl FnMut([Corner; 3])) {
     let [Some(a), Some(b), Some(c)] = triangle.map(|v| v.corner) else {
         return;
     };
     let longest = lens.longest_edge;
     let long = |p: Corner, q: Corner| p.x.abs_diff(q.x).max(p.y.abs_diff(q.y)) > longest as u32;
+    if !window.may_show([a, b, c], lens) {
+        return;
+    }
     let [ab, bc, ca] = [long(a, b), long(b, c), long(c, a)].map(|l| l && depth > 0);
     let middle = |p: usize, q: usize| {
         let point = (triangle[p].point + triangle[q].point) * 0.5;
@@ -72,7 +94,7 @@ fn split(lens: &Lens, triangle: [Vertex; 3], depth: u32, emit: &mut impl FnMut([
     let [p, q, r] = triangle;
     let mut next = |parts: &[[Vertex; 3]]| {
         for &part in parts {
-            split(lens, part, depth - 1, emit);
+            split(lens, part, window, depth - 1, emit);
         }
     };
     match (ab, bc, ca) {

@@ -19,33 +19,6 @@ pub(crate) struct Corner {
     pub(crate) w: f32,
 }
 
-/// All vertices of a mesh on the image plane.
-#[derive(Debug, Default)]
-pub(crate) struct Projected {
-    /// Positions as in [`Corner`].
-    pub(crate) xy: Vec<[i32; 2]>,
-    pub(crate) w: Vec<f32>,
-}
-
-impl Projected {
-    pub(crate) fn resize(&mut self, vertices: usize) {
-        self.xy.resize(vertices, [0; 2]);
-        self.w.resize(vertices, 0.0);
-    }
-
-    /// The position of a vertex; one that does not exist must be clipped.
-    #[inline(always)]
-    pub(crate) fn position(&self, vertex: u32) -> [i32; 2] {
-        self.xy.get(vertex as usize).copied().unwrap_or([CLIP, 0])
-    }
-
-    #[inline(always)]
-    pub(crate) fn corner(&self, vertex: u32) -> Corner {
-        let [x, y] = self.position(vertex);
-        Corner { x, y, w: self.w.get(vertex as usize).copied().unwrap_or(0.0) }
-    }
-}
-
 /// Twice the signed area, positive for corners that run clockwise in the picture (y down).
 #[inline(always)]
 pub(crate) fn twice_area(a: Corner, b: Corner, c: Corner) -> i64 {

@@ -1,8 +1,8 @@
 //! From the mesh frame to fixed-point image coordinates.
 
 use crate::corner::{CLIP, Corner, SUBPIXELS};
+use crate::meshlets::Aabb;
 use crate::three::each;
-use fearless_simd::{Level, dispatch};
 use nalgebra::{Matrix3x4, Point2, Point3, Vector2, Vector3};
 use std::f64::consts::TAU;
 use texreg_camera::Camera;
@@ -23,6 +23,10 @@ const GUARD: f64 = 131_072.0;
 /// Sides of the polygon that stands for the circle in which a distorted camera is drawn.
 const SIDES: usize = 16;
 
+/// What rounding may add to the picture of a box, in pixels, and to its depths, relative.
+const MARGIN: f64 = 0.01;
+const SLACK: f64 = 1e-5;
+
 /// What a camera needs known before it draws, whatever the pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Lens {
@@ -33,6 +37,8 @@ pub(crate) struct Lens {
     pub(crate) planes: Vec<Vector3<f64>>,
     /// Longest edge that is drawn straight, in fixed-point units.
     pub(crate) longest_edge: i32,
+    /// The length, in fixed-point units, at which edges are bent by [`DISTORTION_TOLERANCE`].
+    bent_edge: f64,
 }
 
 impl Lens {
@@ -50,6 +56,7 @@ impl Lens {
             inside: f64::INFINITY,
             planes: vec![guard - u, guard + u, guard - v, guard + v],
             longest_edge: i32::MAX,
+            bent_edge: f64::INFINITY,
         }
     }
 
@@ -62,17 +69,47 @@ impl Lens {
             let (sin, cos) = (TAU * k as f64 / SIDES as f64).sin_cos();
             Vector3::new(-cos, -sin, apothem)
         };
-        let edge = longest_edge(camera, reach).max(SHORTEST_EDGE);
+        let bent_edge = longest_edge(camera, reach) * SUBPIXELS;
         Self {
             camera: *camera,
             inside: apothem * apothem,
             planes: (0..SIDES).map(plane).collect(),
-            longest_edge: (edge * SUBPIXELS).min(f64::from(i32::MAX)) as i32,
+            longest_edge: bent_edge.clamp(SHORTEST_EDGE * SUBPIXELS, f64::from(i32::MAX)) as i32,
+            bent_edge,
         }
+    }
+
+    /// Pixel coordinates between which all points are shown whose undistorted normalized coordinates are between these.
+    #[inline(always)]
+    fn image(&self, x: [f64; 2], y: [f64; 2]) -> [[f64; 2]; 2] {
+        let k = &self.camera.intrinsics;
+        let [x, y] = if self.camera.distortion.is_none() { [x, y] } else { self.distort(x, y) };
+        let (u, v) = (add(times(x, [k.fx; 2]), times(y, [k.skew; 2])), times(y, [k.fy; 2]));
+        [[u[0] + k.cx, u[1] + k.cx], [v[0] + k.cy, v[1] + k.cy]]
+    }
+
+    /// The distortion in interval arithmetic.
+    #[inline(always)]
+    fn distort(&self, x: [f64; 2], y: [f64; 2]) -> [[f64; 2]; 2] {
+        let [k1, k2, p1, p2, k3] = self.camera.distortion.to_array();
+        let scaled = |k: f64, a: [f64; 2]| times([k; 2], a);
+        let (xx, yy, xy) = (square(x), square(y), times(x, y));
+        let s = add(xx, yy);
+        let powers = add(scaled(k1, s), add(scaled(k2, times(s, s)), scaled(k3, times(s, times(s, s)))));
+        let g = add([1.0; 2], powers);
+        let x_d = add(times(x, g), add(scaled(2.0 * p1, xy), scaled(p2, add(s, scaled(2.0, xx)))));
+        let y_d = add(times(y, g), add(scaled(2.0 * p2, xy), scaled(p1, add(s, scaled(2.0, yy)))));
+        [x_d, y_d]
     }
 
     pub(crate) fn is_for(&self, camera: &Camera) -> bool {
         self.camera == *camera
+    }
+
+    /// How far, in fixed-point units, a triangle in a box of this side may stray from what the lens makes of it, at most.
+    pub(crate) fn bend(&self, side: f64) -> f64 {
+        // The longest edge may be √2 times the side, and as much again is for what sampling has missed.
+        4.0 * DISTORTION_TOLERANCE * SUBPIXELS * (side / self.bent_edge).powi(2)
     }
 
     /// The snapped projection of a point in the camera frame, or `None` where it has none within the guard band.
@@ -143,6 +180,11 @@ impl<'a> Projector<'a> {
         Self { lens, near, camera_from_mesh: matrix }
     }
 
+    /// The focal length in pixels.
+    pub(crate) fn focal(&self) -> f32 {
+        self.lens.camera.intrinsics.fx as f32
+    }
+
     /// A vertex in the camera frame.
     pub(crate) fn in_camera(&self, position: [f32; 3]) -> Vector3<f64> {
         let [x, y, z] = position.map(f64::from);
@@ -152,17 +194,54 @@ impl<'a> Projector<'a> {
     }
 
     /// Projects vertices to snapped positions and reciprocal depths; what needs clipping gets [`CLIP`].
-    pub(crate) fn project(&self, level: Level, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
-        dispatch!(level, _simd => self.project_all(positions, xy, w));
-    }
-
     #[inline(always)]
-    fn project_all(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+    pub(crate) fn project(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
         if self.lens.camera.distortion.is_none() {
             self.project_ideal(positions, xy, w);
         } else {
             self.project_distorted(positions, xy, w);
         }
+    }
+
+    /// What the picture of a box lies within, if any of it is before the near plane.
+    #[inline(always)]
+    pub(crate) fn extent(&self, aabb: &Aabb) -> Option<Extent> {
+        const SIGNS: [[f64; 8]; 3] = [
+            [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0],
+            [-1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0],
+            [-1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0],
+        ];
+        let centre = self.in_camera(aabb.centre);
+        let half = each(aabb.half, f64::from);
+        let m = &self.camera_from_mesh;
+        let row = |r: usize| -> [f64; 8] {
+            let (x, y, z) = (m[(r, 0)] * half[0], m[(r, 1)] * half[1], m[(r, 2)] * half[2]);
+            std::array::from_fn(
+                #[inline(always)]
+                |k| centre[r] + SIGNS[0][k] * x + SIGNS[1][k] * y + SIGNS[2][k] * z,
+            )
+        };
+        let (x, y, z) = (row(0), row(1), row(2));
+        let [near, far] = range(z);
+        if far < self.near {
+            return None;
+        }
+        if !(near > self.near * (1.0 + SLACK) && far < f64::INFINITY) {
+            return Some(Extent {
+                x: [f64::NEG_INFINITY, f64::INFINITY],
+                y: [f64::NEG_INFINITY, f64::INFINITY],
+                w: [0.0, f32::INFINITY],
+            });
+        }
+        let over_z = |x: [f64; 8]| -> [f64; 8] {
+            std::array::from_fn(
+                #[inline(always)]
+                |k| x[k] / z[k],
+            )
+        };
+        let [x, y] = self.lens.image(range(over_z(x)), range(over_z(y)));
+        let w = [((1.0 - SLACK) / far) as f32, ((1.0 + SLACK) / near) as f32];
+        Some(Extent { x: [x[0] - MARGIN, x[1] + MARGIN], y: [y[0] - MARGIN, y[1] + MARGIN], w })
     }
 
     #[inline(always)]
@@ -214,6 +293,55 @@ impl<'a> Projector<'a> {
             *w = inverse as f32;
         }
     }
+}
+
+/// Where the picture of a box lies, and its 1/z.
+pub(crate) struct Extent {
+    pub(crate) x: [f64; 2],
+    pub(crate) y: [f64; 2],
+    pub(crate) w: [f32; 2],
+}
+
+/// The least and the greatest.
+#[inline(always)]
+fn range(values: [f64; 8]) -> [f64; 2] {
+    let (mut low, mut high) = (values, values);
+    for half in [4, 2, 1] {
+        for k in 0..half {
+            low[k] = less(low[k], low[k + half]);
+            high[k] = more(high[k], high[k + half]);
+        }
+    }
+    [low[0], high[0]]
+}
+
+/// The lesser of two numbers, in one instruction.
+#[inline(always)]
+fn less(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers, in one instruction.
+#[inline(always)]
+fn more(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn add(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+#[inline(always)]
+fn times(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    let [p, q, r, s] = [a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]];
+    [less(less(p, q), less(r, s)), more(more(p, q), more(r, s))]
+}
+
+#[inline(always)]
+fn square([low, high]: [f64; 2]) -> [f64; 2] {
+    let (a, b) = (low * low, high * high);
+    [if low * high > 0.0 { less(a, b) } else { 0.0 }, more(a, b)]
 }
 
 /// Rounds to the nearest integer, for |x| < 2³¹: adding 1.5·2⁵² leaves the integer in the low mantissa bits.

@@ -4,77 +4,72 @@
 //! the boxes of all triangles are tested first; what is left and small is then tested pixel by pixel with a triangle in each
 //! lane, and only larger triangles are drawn one by one.
 
-use crate::Triangles;
-use crate::clip::{Vertex, clip};
-use crate::corner::{CLIP, Corner, Projected, SUBPIXEL_BITS, first_pixel, twice_area};
-use crate::prefetch::prefetch;
+use crate::band::Band;
+use crate::clip::{Vertex, Window, clip};
+use crate::corner::{CLIP, Corner, SUBPIXEL_BITS, twice_area};
+use crate::meshlets::{Meshlet, VERTICES};
 use crate::projector::Projector;
 use crate::three::each;
-use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, prelude::*};
+use fearless_simd::{f32x16, i32x16, mask32x16, prelude::*};
 
 /// Triangles looked at together.
 const LANES: usize = 16;
 
-/// How many triangles ahead vertices are prefetched.
-const AHEAD: usize = 4 * LANES;
-
-/// How many triangles ahead their indices are prefetched: in a cache line there are five.
-const FAR_AHEAD: usize = 128 * LANES;
-
 /// Edge functions of a triangle in a box of this many units fit in an i32.
 const SMALL: i32 = 7 << SUBPIXEL_BITS;
 
-/// A small triangle's box has at most this many pixels a side.
-const SMALL_PIXELS: i32 = 6;
+/// A small triangle's box holds at most this many pixel centres a side.
+const SMALL_PIXELS: i32 = 7;
 
-/// Where visible pieces of triangles go.
-pub(crate) trait Sink {
-    /// The picture of a triangle at one pixel.
-    fn fragment(&mut self, fragment: Fragment, y: u32);
-    /// A triangle to be drawn.
-    fn triangle<S: Simd>(&mut self, simd: S, face: u32, corners: [Corner; 3]);
-    /// A piece of a triangle to be drawn.
-    fn piece<S: Simd>(&mut self, simd: S, face: u32, corners: [Corner; 3]);
-}
-
-/// What a triangle shows at a pixel.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Fragment {
-    /// Index of the pixel in the picture.
-    pub(crate) pixel: u32,
-    pub(crate) face: u32,
-    /// 1/z.
-    pub(crate) w: f32,
-}
-
-/// Decides which triangles are worth drawing.
+/// Decides which triangles of a meshlet are worth drawing, and draws them.
 pub(crate) struct Sieve<'a> {
-    pub(crate) mesh: &'a Triangles<'a>,
     pub(crate) projector: &'a Projector<'a>,
-    pub(crate) projected: &'a Projected,
     pub(crate) cull: bool,
-    /// Width and height of the picture.
-    pub(crate) bounds: [i32; 2],
+    queue: Queue,
+    local: Local,
 }
 
-/// Sixteen triangles: faces and corner positions.
+/// The vertices of a meshlet on the image plane.
+struct Local {
+    /// Positions as in [`Corner`].
+    xy: [[i32; 2]; VERTICES],
+    w: [f32; VERTICES],
+}
+
+impl Local {
+    #[inline(always)]
+    fn corner(&self, vertex: u8) -> Corner {
+        let [x, y] = self.xy[usize::from(vertex)];
+        Corner { x, y, w: self.w[usize::from(vertex)] }
+    }
+}
+
+/// The corner positions of sixteen triangles.
 #[derive(Clone, Copy)]
 struct Batch<S: Simd> {
-    face: i32x16<S>,
     x: [i32x16<S>; 3],
     y: [i32x16<S>; 3],
+}
+
+/// Sixteen small triangles: corner positions, faces and 1/z of the corners.
+#[derive(Clone, Copy)]
+struct Small<S: Simd> {
+    batch: Batch<S>,
+    face: [u32; LANES],
+    w: [f32x16<S>; 3],
 }
 
 /// Triangles on their way to be drawn: room for those left of one batch and all of the next.
 #[derive(Default)]
 struct Queue {
     count: usize,
-    face: [[i32; LANES]; 2],
+    face: [[u32; LANES]; 2],
     x: [[[i32; LANES]; 2]; 3],
     y: [[[i32; LANES]; 2]; 3],
+    w: [[[f32; LANES]; 2]; 3],
 }
 
-/// Their boxes and what pixels those may cover within the picture.
+/// Their boxes and what pixels those may cover within a band.
 struct Boxes<S: Simd> {
     left: i32x16<S>,
     width: i32x16<S>,
@@ -83,55 +78,67 @@ struct Boxes<S: Simd> {
     last: [i32x16<S>; 2],
 }
 
-impl Sieve<'_> {
-    /// Passes on whatever a range of triangles may show.
-    pub(crate) fn sift(&self, level: Level, range: std::ops::Range<usize>, sink: &mut impl Sink) {
-        dispatch!(level, simd => self.sift_with(simd, range, sink));
+/// [`Projector::project`] in a function of its own, whose arguments are known not to overlap.
+#[inline(never)]
+fn project<S: Simd>(simd: S, projector: &Projector, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+    simd.vectorize(
+        #[inline(always)]
+        || projector.project(positions, xy, w),
+    );
+}
+
+impl<'a> Sieve<'a> {
+    pub(crate) fn new(projector: &'a Projector<'a>, cull: bool) -> Self {
+        let local = Local { xy: [[0; 2]; VERTICES], w: [0.0; VERTICES] };
+        Self { projector, cull, queue: Queue::default(), local }
     }
 
+    /// Draws whatever a meshlet may show in a band, but for some that wait until they are [`flush`](Self::flush)ed.
     #[inline(always)]
-    fn sift_with<S: Simd>(&self, simd: S, range: std::ops::Range<usize>, sink: &mut impl Sink) {
-        let lanes = i32x16::load_array(simd, std::array::from_fn(|lane| lane as i32));
-        let mut queue = Queue::default();
-        for start in range.clone().step_by(LANES) {
-            let triangles = &self.mesh.indices[start..range.end.min(start + LANES)];
-            for triangle in [0, 5, 10, 15] {
-                prefetch(self.mesh.indices, start + FAR_AHEAD + triangle);
-            }
-            let ahead = start + AHEAD..range.end.min(start + AHEAD + LANES);
-            for vertex in self.mesh.indices.get(ahead).unwrap_or_default().as_flattened() {
-                prefetch(&self.projected.xy, *vertex as usize);
-            }
+    pub(crate) fn sift<S: Simd>(&mut self, simd: S, meshlet: &Meshlet, band: &mut Band) {
+        let count = meshlet.positions.len();
+        let Local { xy, w } = &mut self.local;
+        project(simd, self.projector, meshlet.positions, &mut xy[..count], &mut w[..count]);
+        for (k, triangles) in meshlet.corners.chunks(LANES).enumerate() {
+            let start = k * LANES;
             let mut xy = [[[CLIP; 2]; LANES]; 3];
             for (lane, triangle) in triangles.iter().enumerate().take(LANES) {
                 for k in 0..3 {
-                    xy[k][lane] = self.projected.position(triangle[k]);
+                    xy[k][lane] = self.local.xy[usize::from(triangle[k])];
                 }
             }
-            let batch = Batch::new(simd, &xy, lanes + start as i32);
-            let (small, rest) = self.classify(simd, &batch);
-            queue.push(&batch, small);
-            if let Some(batch) = queue.pop(simd) {
-                self.cover(simd, &batch, LANES, sink);
+            let batch = Batch::new(simd, &xy);
+            let (small, rest) = self.classify(simd, &batch, band);
+            self.queue.push(&batch, small, |lane| {
+                let [a, b, c] = triangles[lane].map(|i| self.local.w[usize::from(i)]);
+                (meshlet.face(start + lane), [a, b, c])
+            });
+            if let Some(small) = self.queue.pop(simd) {
+                self.cover(simd, small, LANES, band);
             }
             let valid = (1 << triangles.len()) - 1;
             for lane in bits(rest.to_bitmask() & valid) {
-                self.pass_on(simd, (start + lane) as u32, triangles[lane], sink);
+                self.pass_on(simd, meshlet, start + lane, band);
             }
         }
-        self.cover(simd, &queue.first(simd), queue.count, sink);
+    }
+
+    /// Draws the triangles that still wait.
+    #[inline(always)]
+    pub(crate) fn flush<S: Simd>(&mut self, simd: S, band: &mut Band) {
+        self.cover(simd, self.queue.first(simd), self.queue.count, band);
+        self.queue.count = 0;
     }
 
     /// The small triangles whose boxes hold pixel centres, and the others that may be seen. Lanes without a triangle come
     /// as [`CLIP`] and are among the others.
     #[inline(always)]
-    fn classify<S: Simd>(&self, simd: S, batch: &Batch<S>) -> (mask32x16<S>, mask32x16<S>) {
-        let boxes = batch.boxes(simd, self.bounds);
+    fn classify<S: Simd>(&self, simd: S, batch: &Batch<S>, band: &Band) -> (mask32x16<S>, mask32x16<S>) {
+        let boxes = batch.boxes(simd, band);
         let clipped = boxes.left.simd_eq(CLIP);
         let seen = boxes.last[0].simd_ge(boxes.first[0]) & boxes.last[1].simd_ge(boxes.first[1]);
-        let pixels = (boxes.last[0] - boxes.first[0]).max(boxes.last[1] - boxes.first[1]);
         let longest = SMALL.min(self.projector.lens.longest_edge);
-        let small = boxes.width.max(boxes.height).simd_lt(longest) & pixels.simd_lt(SMALL_PIXELS);
+        let small = boxes.width.max(boxes.height).simd_lt(longest);
         let area = batch.twice_area();
         let facing = if self.cull { area.simd_lt(0) } else { !area.simd_eq(0) };
         (seen & small & facing & !clipped, clipped | (seen & !small))
@@ -139,18 +146,9 @@ impl Sieve<'_> {
 
     /// Draws small triangles, one a lane, pixel by pixel of their boxes.
     #[inline(always)]
-    fn cover<S: Simd>(&self, simd: S, batch: &Batch<S>, count: usize, sink: &mut impl Sink) {
-        let mut batch = *batch;
-        let faces: [i32; LANES] = batch.face.into();
-        let mut w = [[0.0; LANES]; 3];
-        for (lane, &face) in faces.iter().enumerate().take(count) {
-            let triangle = self.mesh.indices[face as u32 as usize];
-            for k in 0..3 {
-                w[k][lane] = self.projected.w[triangle[k] as usize];
-            }
-        }
-        let mut w = [f32x16::load_array(simd, w[0]), f32x16::load_array(simd, w[1]), f32x16::load_array(simd, w[2])];
-        let Boxes { first, last, .. } = batch.boxes(simd, self.bounds);
+    fn cover<S: Simd>(&self, simd: S, small: Small<S>, count: usize, band: &mut Band) {
+        let Small { mut batch, face, mut w } = small;
+        let Boxes { first, last, .. } = batch.boxes(simd, band);
         let area = batch.twice_area();
         let turned = area.simd_lt(0);
         for values in [&mut batch.x, &mut batch.y] {
@@ -174,8 +172,7 @@ impl Sieve<'_> {
         );
         let valid = (1_u64 << count) - 1;
         let [columns, rows] = [last[0] - first[0], last[1] - first[1]];
-        let origin: [i32; LANES] = (first[1] * self.bounds[0] + first[0]).into();
-        let top: [i32; LANES] = first[1].into();
+        let origin: [i32; LANES] = ((first[1] - band.top) * band.width + first[0]).into();
         for row in 0..SMALL_PIXELS {
             let in_row = rows.simd_ge(row);
             if in_row.to_bitmask() & valid == 0 {
@@ -201,9 +198,7 @@ impl Sieve<'_> {
                     );
                     let here: [f32; LANES] = (a * w[0] + b * w[1] + c * w[2]).into();
                     for lane in bits(covered) {
-                        let pixel = (origin[lane] + row * self.bounds[0] + column) as u32;
-                        let fragment = Fragment { pixel, face: faces[lane] as u32, w: here[lane] };
-                        sink.fragment(fragment, (top[lane] + row) as u32);
+                        band.put((origin[lane] + row * band.width + column) as usize, here[lane], face[lane]);
                     }
                 }
                 for (edge, side) in edges.iter_mut().zip(&sides) {
@@ -213,34 +208,41 @@ impl Sieve<'_> {
         }
     }
 
-    /// Passes on a triangle that is not small, through the clipper where needed.
+    /// Draws a triangle that is not small, through the clipper where needed.
     #[inline(always)]
-    fn pass_on<S: Simd>(&self, simd: S, face: u32, triangle: [u32; 3], sink: &mut impl Sink) {
+    fn pass_on<S: Simd>(&self, simd: S, meshlet: &Meshlet, triangle: usize, band: &mut Band) {
+        let face = meshlet.face(triangle);
         let corners = each(
-            triangle,
+            meshlet.corners[triangle],
             #[inline(always)]
-            |i| self.projected.corner(i),
+            |i| self.local.corner(i),
         );
         let [a, b, c] = corners;
         let long =
             |p: Corner, q: Corner| p.x.abs_diff(q.x).max(p.y.abs_diff(q.y)) > self.projector.lens.longest_edge as u32;
         if corners.iter().any(|corner| corner.x == CLIP) || long(a, b) || long(b, c) || long(c, a) {
-            self.cut(simd, face, corners, sink);
+            let positions = meshlet.corners[triangle].map(|i| meshlet.positions.get(usize::from(i)).copied());
+            if let [Some(a), Some(b), Some(c)] = positions {
+                self.cut(simd, face, [a, b, c], corners, band);
+            }
         } else if self.faces_us(corners) {
-            sink.triangle(simd, face, corners);
+            band.draw(simd, face, corners);
         }
     }
 
-    /// Passes on what the clipper leaves of a triangle.
-    fn cut<S: Simd>(&self, simd: S, face: u32, corners: [Corner; 3], sink: &mut impl Sink) {
-        let Some(positions) = self.mesh.corners(face) else { return };
+    /// Draws what the clipper leaves of a triangle.
+    fn cut<S: Simd>(&self, simd: S, face: u32, positions: [[f32; 3]; 3], corners: [Corner; 3], band: &mut Band) {
         let vertices = std::array::from_fn(|k| Vertex {
             point: self.projector.in_camera(positions[k]),
             corner: Some(corners[k]).filter(|corner| corner.x != CLIP),
         });
-        clip(self.projector, vertices, &mut |piece| {
-            if self.faces_us(piece) && self.may_show(piece) {
-                sink.piece(simd, face, piece);
+        let window = Window { x: [0, band.width - 1], y: [band.top, band.top + band.height - 1] };
+        clip(self.projector, vertices, &window, &mut |piece| {
+            if self.faces_us(piece) {
+                simd.vectorize(
+                    #[inline(always)]
+                    || band.draw(simd, face, piece),
+                );
             }
         });
     }
@@ -250,39 +252,34 @@ impl Sieve<'_> {
         let area = twice_area(a, b, c);
         area < 0 || (area > 0 && !self.cull)
     }
-
-    /// Whether a triangle's box holds a pixel centre of the picture.
-    fn may_show(&self, [a, b, c]: [Corner; 3]) -> bool {
-        let holds = |a: i32, b: i32, c: i32, size: i32| {
-            first_pixel(a.min(b).min(c)).max(0) <= (a.max(b).max(c) >> SUBPIXEL_BITS).min(size - 1)
-        };
-        holds(a.x, b.x, c.x, self.bounds[0]) && holds(a.y, b.y, c.y, self.bounds[1])
-    }
 }
 
 impl<S: Simd> Batch<S> {
     #[inline(always)]
-    fn new(simd: S, xy: &[[[i32; 2]; LANES]; 3], face: i32x16<S>) -> Self {
+    fn new(simd: S, xy: &[[[i32; 2]; LANES]; 3]) -> Self {
         let [a, b, c] = xy.each_ref().map(|xy| xy.as_flattened().split_at(LANES));
         let load = |half: &[i32]| i32x16::from_slice(simd, half);
         let a = load(a.0).deinterleave(load(a.1));
         let b = load(b.0).deinterleave(load(b.1));
         let c = load(c.0).deinterleave(load(c.1));
-        Self { face, x: [a.0, b.0, c.0], y: [a.1, b.1, c.1] }
+        Self { x: [a.0, b.0, c.0], y: [a.1, b.1, c.1] }
     }
 
     #[inline(always)]
-    fn boxes(&self, simd: S, [width, height]: [i32; 2]) -> Boxes<S> {
+    fn boxes(&self, simd: S, band: &Band) -> Boxes<S> {
         let (left, right) = range(self.x);
         let (top, bottom) = range(self.y);
-        let zero = i32x16::splat(simd, 0);
-        let last = [i32x16::splat(simd, width - 1), i32x16::splat(simd, height - 1)];
+        let first = [i32x16::splat(simd, 0), i32x16::splat(simd, band.top)];
+        let last = [i32x16::splat(simd, band.width - 1), i32x16::splat(simd, band.top + band.height - 1)];
         let round_up = (1 << SUBPIXEL_BITS) - 1;
         Boxes {
             left,
             width: right - left,
             height: bottom - top,
-            first: [((left + round_up) >> SUBPIXEL_BITS).max(zero), ((top + round_up) >> SUBPIXEL_BITS).max(zero)],
+            first: [
+                ((left + round_up) >> SUBPIXEL_BITS).max(first[0]),
+                ((top + round_up) >> SUBPIXEL_BITS).max(first[1]),
+            ],
             last: [(right >> SUBPIXEL_BITS).min(last[0]), (bottom >> SUBPIXEL_BITS).min(last[1])],
         }
     }
@@ -295,40 +292,50 @@ impl<S: Simd> Batch<S> {
 }
 
 impl Queue {
-    /// Appends the triangles a mask selects.
+    /// Appends the triangles a mask selects, with their faces and 1/z.
     #[inline(always)]
-    fn push<S: Simd>(&mut self, batch: &Batch<S>, mask: mask32x16<S>) {
+    fn push<S: Simd>(&mut self, batch: &Batch<S>, mask: mask32x16<S>, more: impl Fn(usize) -> (u32, [f32; 3])) {
         let at = self.count..self.count + LANES;
-        batch.face.compress(mask).store_slice(&mut self.face.as_flattened_mut()[at.clone()]);
         for k in 0..3 {
             batch.x[k].compress(mask).store_slice(&mut self.x[k].as_flattened_mut()[at.clone()]);
             batch.y[k].compress(mask).store_slice(&mut self.y[k].as_flattened_mut()[at.clone()]);
         }
-        self.count += mask.to_bitmask().count_ones() as usize;
+        for lane in bits(mask.to_bitmask()) {
+            let (face, w) = more(lane);
+            self.face.as_flattened_mut()[self.count] = face;
+            for (all, w) in self.w.iter_mut().zip(w) {
+                all.as_flattened_mut()[self.count] = w;
+            }
+            self.count += 1;
+        }
     }
 
     /// The first sixteen triangles, fewer if there are not as many.
     #[inline(always)]
-    fn first<S: Simd>(&self, simd: S) -> Batch<S> {
+    fn first<S: Simd>(&self, simd: S) -> Small<S> {
         let load = |lanes: &[[i32; LANES]; 2]| i32x16::load_array(simd, lanes[0]);
         let ([x0, x1, x2], [y0, y1, y2]) = (&self.x, &self.y);
-        Batch { face: load(&self.face), x: [load(x0), load(x1), load(x2)], y: [load(y0), load(y1), load(y2)] }
+        let batch = Batch { x: [load(x0), load(x1), load(x2)], y: [load(y0), load(y1), load(y2)] };
+        let [w0, w1, w2] = &self.w;
+        let load = |lanes: &[[f32; LANES]; 2]| f32x16::load_array(simd, lanes[0]);
+        Small { batch, face: self.face[0], w: [load(w0), load(w1), load(w2)] }
     }
 
     /// Takes out sixteen triangles once there are as many.
     #[inline(always)]
-    fn pop<S: Simd>(&mut self, simd: S) -> Option<Batch<S>> {
+    fn pop<S: Simd>(&mut self, simd: S) -> Option<Small<S>> {
         if self.count < LANES {
             return None;
         }
-        let batch = self.first(simd);
+        let first = self.first(simd);
         self.count -= LANES;
         self.face[0] = self.face[1];
         for k in 0..3 {
             self.x[k][0] = self.x[k][1];
             self.y[k][0] = self.y[k][1];
+            self.w[k][0] = self.w[k][1];
         }
-        Some(batch)
+        Some(first)
     }
 }
 

@@ -1,4 +1,6 @@
-//! The mesh as the rasterizer reads it: borrowed positions and corner indices.
+//! The mesh as the rasterizer gets it: borrowed positions and corner indices.
+
+use crate::Meshlets;
 
 /// A triangle mesh, borrowed.
 ///
@@ -11,9 +13,16 @@ pub struct Triangles<'a> {
     pub positions: &'a [[f32; 3]],
     /// The three corners of each triangle, as indices into `positions`.
     pub indices: &'a [[u32; 3]],
+    /// What was made of this very mesh for many renderings; without it, each rendering makes its own.
+    pub meshlets: Option<&'a Meshlets>,
 }
 
-impl Triangles<'_> {
+impl<'a> Triangles<'a> {
+    /// A mesh to be rendered once.
+    pub fn new(positions: &'a [[f32; 3]], indices: &'a [[u32; 3]]) -> Self {
+        Self { positions, indices, meshlets: None }
+    }
+
     /// The corner positions of triangle `face`, or `None` where the face or one of its vertices does not exist.
     pub fn corners(&self, face: u32) -> Option<[[f32; 3]; 3]> {
         let [a, b, c] = *self.indices.get(face as usize)?;

@@ -4,10 +4,10 @@ mod common;
 
 use common::{Scene, camera, distorting_camera, judge, pose};
 use nalgebra::{Point2, Point3, Rotation3, Vector3};
-use rand::{Rng, SeedableRng, rngs::StdRng};
+use rand::{Rng, SeedableRng, rngs::StdRng, seq::SliceRandom};
 use texreg_camera::Camera;
 use texreg_lie::Pose;
-use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, render};
+use texreg_raster::{GBuffer, Meshlets, NO_FACE, Options, Renderer, Triangles, render};
 
 fn seen(scene: &Scene, camera: &Camera, pose: &Pose) -> GBuffer {
     render(&scene.triangles(), camera, pose, &Options::default())
@@ -255,5 +255,68 @@ fn narrow_pictures() {
         let picture = seen(&scene, &camera, &pose(3.0));
         judge(&scene, &camera, &pose(3.0), &picture, 1.0 / 4096.0);
         assert!(picture.covered() > 0);
+    }
+}
+
+/// Two shells in one another with large triangles all over: most of it is hidden.
+fn shells() -> Scene {
+    let mut scene = Scene::bumpy_sphere(60);
+    let outer = scene.positions.len() as u32;
+    scene.positions.extend(scene.positions.clone().into_iter().map(|p| p.map(|x| 0.8 * x)));
+    scene.indices.extend(scene.indices.clone().into_iter().map(|t| t.map(|i| i + outer)));
+    let soup = Scene::soup(100, 1.0, 51);
+    let first = scene.positions.len() as u32;
+    scene.positions.extend(&soup.positions);
+    scene.indices.extend(soup.indices.iter().map(|t| t.map(|i| i + first)));
+    scene
+}
+
+#[test]
+fn what_is_left_out_is_hidden() {
+    // Fifty triangles at a time hide nothing of one another that is not drawn; the nearest of all these pictures is the whole.
+    let scene = shells();
+    for camera in [camera(200, 150), distorting_camera(200, 150)] {
+        let mut nearest: Vec<(f32, u32)> = vec![(f32::INFINITY, NO_FACE); 200 * 150];
+        for (k, indices) in scene.indices.chunks(50).enumerate() {
+            let part = Scene { positions: scene.positions.clone(), indices: indices.to_vec() };
+            let picture = seen(&part, &camera, &pose(2.0));
+            for (nearest, (&depth, &face)) in nearest.iter_mut().zip(picture.depth.iter().zip(&picture.face)) {
+                if depth < nearest.0 {
+                    *nearest = (depth, 50 * k as u32 + face);
+                }
+            }
+        }
+        let whole = seen(&scene, &camera, &pose(2.0));
+        let whole: Vec<(f32, u32)> = whole.depth.into_iter().zip(whole.face).collect();
+        assert!(whole == nearest);
+    }
+}
+
+#[test]
+fn the_order_of_triangles_does_not_matter() {
+    let scene = shells();
+    let mut rng = StdRng::seed_from_u64(61);
+    let mut order: Vec<usize> = (0..scene.indices.len()).collect();
+    order.shuffle(&mut rng);
+    let mut shuffled = scene.clone();
+    shuffled.indices = order.iter().map(|&face| scene.indices[face]).collect();
+    let (camera, pose) = (camera(200, 150), pose(2.0));
+    let expected = seen(&scene, &camera, &pose);
+    let picture = seen(&shuffled, &camera, &pose);
+    assert_eq!(picture.depth, expected.depth);
+    let original = picture.face.iter().map(|&face| order.get(face as usize).map_or(NO_FACE, |&face| face as u32));
+    // Doubled depths, on shared edges, show the lower face of each order.
+    let other = original.zip(&expected.face).filter(|(face, expected)| face != *expected).count();
+    assert!(other <= 3, "{other} pixels");
+}
+
+#[test]
+fn meshlets_serve_many_renderings() {
+    let scene = shells();
+    let meshlets = Meshlets::new(&scene.triangles());
+    let kept = Triangles { meshlets: Some(&meshlets), ..scene.triangles() };
+    for distance in [0.3, 2.0, 6.0] {
+        let picture = render(&kept, &camera(200, 150), &pose(distance), &Options::default());
+        assert_eq!(picture, seen(&scene, &camera(200, 150), &pose(distance)));
     }
 }

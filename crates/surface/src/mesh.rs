@@ -3,6 +3,7 @@ use std::sync::OnceLock;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use texreg_raster::{Meshlets, Triangles};
 
 use crate::error::Defect;
 use crate::normals::complete_normals;
@@ -40,6 +41,24 @@ pub struct Mesh {
     /// Whether the model is a point cloud: triangles 2i and 2i + 1 over the vertices 4i to 4i + 3 are a square around
     /// point i (see [`Mesh::from_points`]).
     pub is_cloud: bool,
+    /// See [`shape`](Self::shape).
+    pub(crate) prepared: Prepared,
+}
+
+/// What a mesh makes of itself to be rendered. It tells nothing that the mesh does not, and a copy makes its own.
+#[derive(Debug, Default)]
+pub(crate) struct Prepared(OnceLock<Meshlets>);
+
+impl Clone for Prepared {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl PartialEq for Prepared {
+    fn eq(&self, _other: &Self) -> bool {
+        true
+    }
 }
 
 /// What a vertex may carry besides its position; see the fields of [`Mesh`].
@@ -124,7 +143,15 @@ impl Mesh {
             ambient_occlusion: known(ambient_occlusion),
             mean_curvature: known(mean_curvature),
             is_cloud: false,
+            prepared: Prepared::default(),
         }
+    }
+
+    /// The mesh as the rasterizer takes it, made ready when it is first asked for: positions and triangles are not to be changed
+    /// after that.
+    pub fn shape(&self) -> Triangles<'_> {
+        let plain = Triangles::new(&self.positions, &self.triangles);
+        Triangles { meshlets: Some(self.prepared.0.get_or_init(|| Meshlets::new(&plain))), ..plain }
     }
 
     /// Vertex `i` in the world.

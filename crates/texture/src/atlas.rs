@@ -183,7 +183,7 @@ fn rasterize(width: u32, height: u32, corners: &[[[f32; 2]; 3]], z: impl Fn(usiz
     let positions: Vec<[f32; 3]> = (0..3 * corners.len()).into_par_iter().map(|i| lift(i / 3, i % 3)).collect();
     let indices: Vec<[u32; 3]> = (0..corners.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
     let camera = Camera { intrinsics: Intrinsics::new(1.0, 0.0, 0.0), ..Camera::ideal(width, height, 1.0) };
-    let mesh = Triangles { positions: &positions, indices: &indices };
+    let mesh = Triangles::new(&positions, &indices);
     render(&mesh, &camera, &Pose::identity(), &Options::default())
 }
 

@@ -6,7 +6,7 @@ use nalgebra::Rotation3;
 use rayon::prelude::*;
 use texreg_camera::View;
 use texreg_lie::Pose;
-use texreg_raster::{NO_FACE, Options, Triangles, render};
+use texreg_raster::{NO_FACE, Options, render};
 use texreg_surface::Mesh;
 
 /// Draws a textured mesh as a view sees it, lens distortion included: the texture as it is, without shading, on black. Each
@@ -18,7 +18,7 @@ pub fn draw(mesh: &Mesh, texture: &Texture, view: &View, samples: u32) -> (RgbIm
     let (width, height) = (view.camera.width, view.camera.height);
     let camera = view.camera.scaled(f64::from(samples));
     let camera_from_mesh = view.pose * Pose::new(Rotation3::identity(), mesh.origin);
-    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let triangles = mesh.shape();
     let options = Options { barycentric: true, ..Options::default() };
     let fine = render(&triangles, &camera, &camera_from_mesh, &options);
     let colour = |at: usize| {

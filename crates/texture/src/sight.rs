@@ -5,7 +5,7 @@ use nalgebra::{Point2, Point3, Rotation3, Vector3};
 use rayon::prelude::*;
 use texreg_camera::Camera;
 use texreg_lie::Pose;
-use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, Triangles, outline};
+use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, outline};
 use texreg_surface::Mesh;
 
 /// A jump in depth between neighbouring pixels, in widths of a pixel there, that makes an edge. It is also the slope beyond
@@ -59,7 +59,7 @@ impl Sight {
     pub(crate) fn new(mesh: &Mesh, source: &Source, renderer: &mut Renderer, seen: &mut [bool]) -> Self {
         let camera = source.view.camera;
         let camera_from_mesh = source.view.pose * Pose::new(Rotation3::identity(), mesh.origin);
-        let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        let triangles = mesh.shape();
         let mut picture = GBuffer::default();
         renderer.render(&triangles, &camera, &camera_from_mesh, &Options::default(), &mut picture);
         seen.fill(false);

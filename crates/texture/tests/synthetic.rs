@@ -4,7 +4,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Point3, Rotation3, Vector3};
 use texreg_camera::{Camera, Distortion, View};
 use texreg_lie::Pose;
-use texreg_raster::{Options as RenderOptions, Triangles, render};
+use texreg_raster::{Options as RenderOptions, render};
 use texreg_surface::{Attributes, Mesh};
 use texreg_texture::{Blend, Error, Options, Pixels, Source, Unseen, agreement, draw, texture};
 
@@ -57,7 +57,7 @@ fn shoot(mesh: &Mesh, view: &View, gain: f32) -> Pixels {
     let camera = view.camera.scaled(f64::from(FINE));
     let camera_from_mesh = view.pose * Pose::new(Rotation3::identity(), mesh.origin);
     let options = RenderOptions { barycentric: true, ..RenderOptions::default() };
-    let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+    let triangles = mesh.shape();
     let fine = render(&triangles, &camera, &camera_from_mesh, &options);
     let points = fine.interpolate(&mesh.triangles, &mesh.positions, [f32::NAN; 3]);
     let (width, height) = (view.camera.width, view.camera.height);
@@ -179,7 +179,7 @@ fn a_nearer_surface_does_not_print_through() {
     let views: Vec<View> =
         [-0.3, 0.3].map(|x| View { camera, pose: Pose::new(look, Vector3::new(x, 0.0, 6.0)) }).to_vec();
     let shot = |view: &View| {
-        let triangles = Triangles { positions: &mesh.positions, indices: &mesh.triangles };
+        let triangles = mesh.shape();
         let pose = view.pose * Pose::new(Rotation3::identity(), mesh.origin);
         let picture = render(&triangles, &camera, &pose, &RenderOptions::default());
         let colour = |face: &u32| match face {

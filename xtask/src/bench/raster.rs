@@ -1,18 +1,20 @@
 //! The rasterizer beside Embree's rays, OpenGL on llvmpipe, OpenCV's rasterizer and a plain copy loop.
 //!
 //! The peers are run frame by frame from one process each, a frame of theirs and a frame of ours in turn; figures are the
-//! least of all frames, with the medians told on standard error. What Embree takes to build its tree is not counted.
+//! least of all frames, with the medians told on standard error. What Embree takes to build its tree is not counted, nor what
+//! we take to cut the mesh into meshlets, which has a row of its own.
 
 use super::{Arguments, Report, Row, python};
 use anyhow::{Context, Result, bail, ensure};
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::cell::OnceCell;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout};
 use std::time::Instant;
 use texreg::camera::Camera;
 use texreg::lie::Pose;
-use texreg::raster::{GBuffer, NO_FACE, Options, Renderer, Triangles, outline};
+use texreg::raster::{GBuffer, Meshlets, NO_FACE, Options, Renderer, Triangles, outline};
 
 /// The peers' process: a driver for the scripts in their folder.
 const SCRIPT: &str = include_str!("raster_peer.py");
@@ -32,6 +34,7 @@ pub(super) struct Model {
     name: String,
     pub(super) positions: Vec<[f32; 3]>,
     pub(super) indices: Vec<[u32; 3]>,
+    meshlets: OnceCell<Meshlets>,
 }
 
 /// Runs the benchmark.
@@ -52,6 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
                 Model::bumpy_sphere(name, rings)
             }
         };
+        prepare(&model, frames.min(5), &mut rows);
         for &size in sizes {
             beside_a_copy(&model, size, frames, &mut rows);
         }
@@ -93,6 +97,14 @@ fn row(name: String, ours: Vec<f64>, peer: Vec<f64>, peer_name: &str, goal: f64)
     let ((ours, our_median), (peer, peer_median)) = (least_and_median(ours), least_and_median(peer));
     eprintln!("{name}: {ours:.2} / {our_median:.2} ms, {peer_name} {peer:.2} / {peer_median:.2} ms (least / median)");
     Row::beside(name, ours, peer, peer_name, "ms").goal(goal)
+}
+
+/// What is done once for a mesh.
+fn prepare(model: &Model, frames: usize, rows: &mut Vec<Row>) {
+    let plain = Triangles::new(&model.positions, &model.indices);
+    let (least, median) = least_and_median((0..frames).map(|_| time(|| Meshlets::new(&plain))).collect());
+    eprintln!("{} cut into meshlets: {least:.2} / {median:.2} ms (least / median)", model.name);
+    rows.push(Row::alone(format!("{} cut into meshlets, once", model.name), least, "ms"));
 }
 
 /// Beside reading all vertices and indices and writing all pixels once, in a plain loop on one thread.
@@ -213,12 +225,17 @@ fn alone(quick: bool, frames: usize, rows: &mut Vec<Row>) {
 
 impl Model {
     fn triangles(&self) -> Triangles<'_> {
-        Triangles { positions: &self.positions, indices: &self.indices }
+        let plain = Triangles::new(&self.positions, &self.indices);
+        Triangles { meshlets: Some(self.meshlets.get_or_init(|| Meshlets::new(&plain))), ..plain }
+    }
+
+    fn new(name: &str, positions: Vec<[f32; 3]>, indices: Vec<[u32; 3]>) -> Self {
+        Self { name: name.to_string(), positions, indices, meshlets: OnceCell::new() }
     }
 
     fn load(name: &str, file: &Path) -> Result<Self> {
         let mesh = texreg::surface::load(file)?;
-        Ok(Self { name: name.to_string(), positions: mesh.positions, indices: mesh.triangles })
+        Ok(Self::new(name, mesh.positions, mesh.triangles))
     }
 
     /// A closed bumpy sphere of about unit radius with 4·rings² triangles, row after row.
@@ -233,11 +250,7 @@ impl Model {
         let grid = |rings| (0..rings).flat_map(move |ring| (0..columns).map(move |column| (ring, column)));
         let at = |ring: u32, column: u32| ring * columns + column % columns;
         let quad = |(r, c)| [[at(r, c), at(r + 1, c), at(r + 1, c + 1)], [at(r, c), at(r + 1, c + 1), at(r, c + 1)]];
-        Self {
-            name: name.to_string(),
-            positions: grid(rings + 1).map(|(r, c)| point(r, c)).collect(),
-            indices: grid(rings).flat_map(quad).collect(),
-        }
+        Self::new(name, grid(rings + 1).map(|(r, c)| point(r, c)).collect(), grid(rings).flat_map(quad).collect())
     }
 }
 

@@ -16,7 +16,7 @@ pub struct Scene {
 
 impl Scene {
     pub fn triangles(&self) -> Triangles<'_> {
-        Triangles { positions: &self.positions, indices: &self.indices }
+        Triangles::new(&self.positions, &self.indices)
     }
 
     /// The corners of a face in the camera frame and its normal there, not of unit length.
