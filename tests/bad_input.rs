@@ -300,11 +300,19 @@ fn a_failed_run_leaves_an_earlier_result_alone() {
 }
 
 #[test]
-fn solvers_that_joint_registration_does_not_know() {
+fn options_that_do_not_go_together() {
     let bench = Bench::new();
-    let run = bench.run("register model.ply photo.png --init init.json --joint --solver bfgs");
-    assert_eq!(run.status, 1, "{run:?}");
-    assert_eq!(run.stderr, "error: --solver bfgs: photos are registered jointly by lm alone\n");
+    let run = bench.run("register model.ply photo.png --init init.json --joint --solver sgd");
+    assert_eq!(run.status, 2, "{run:?}");
+    assert!(run.stderr.starts_with("error: --solver sgd draws its batches from one photo: "), "{run:?}");
+    for bound in ["--focal-range 100,200", "--principal-within 5 --refine focal"] {
+        let run = bench.run(&format!("register model.ply photo.png --init init.json {bound}"));
+        assert!(run.status == 2 && run.stderr.contains("add it"), "{run:?}");
+    }
+    for bound in ["--distance-range 5", "--distance-range 5,4", "--distance-range=-1,4", "--focal-range a,b"] {
+        let run = bench.run(&format!("register model.ply photo.png --init init.json --refine focal {bound}"));
+        assert!(run.status == 2 && run.stderr.contains("MIN,MAX"), "{run:?}");
+    }
 }
 
 #[test]

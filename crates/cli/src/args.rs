@@ -105,7 +105,7 @@ pub(crate) struct Register {
     /// What the model predicts, several for their joint signal [default: reflectance, if the model has it, and normals]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = named(SignalName::ALL))]
     pub(crate) signal: Vec<SignalName>,
-    /// The solver; photos are registered jointly by lm alone
+    /// The solver; photos are registered jointly by all but sgd
     #[arg(long, value_name = "NAME", default_value = "lm", value_parser = named(SolverName::ALL))]
     pub(crate) solver: SolverName,
     /// The chart a rotation is stepped in
@@ -114,6 +114,15 @@ pub(crate) struct Register {
     /// Parts of the camera to refine with the pose
     #[arg(long, value_name = "PART", value_delimiter = ',')]
     pub(crate) refine: Vec<Part>,
+    /// Keep the focal length that --refine focal refines between these ends, in pixels
+    #[arg(long, value_name = "MIN,MAX", value_parser = interval)]
+    pub(crate) focal_range: Option<[f64; 2]>,
+    /// Keep the principal point that --refine principal refines this near to where it starts along each axis, in pixels
+    #[arg(long, value_name = "PX", value_parser = positive)]
+    pub(crate) principal_within: Option<f64>,
+    /// Keep the centre of the model's bounding box between these distances from the camera, along its axis, in model units
+    #[arg(long, value_name = "MIN,MAX", value_parser = interval)]
+    pub(crate) distance_range: Option<[f64; 2]>,
     /// Register all photos jointly: each is compared with the model and with the photos that see the same surface
     #[arg(long)]
     pub(crate) joint: bool,
@@ -126,14 +135,34 @@ pub(crate) struct Register {
 }
 
 impl Register {
+    /// What the options' names alone cannot tell of those that do not go together.
+    pub(crate) fn contradiction(&self) -> Option<&'static str> {
+        let refines = |part| self.refine.contains(&part);
+        if self.focal_range.is_some() && !refines(Part::Focal) {
+            Some("--focal-range bounds what --refine focal refines: add it")
+        } else if self.principal_within.is_some() && !refines(Part::Principal) {
+            Some("--principal-within bounds what --refine principal refines: add it")
+        } else if (self.joint || self.share_intrinsics) && self.solver == SolverName::StochasticGradient {
+            Some("--solver sgd draws its batches from one photo: photos are registered jointly by the others")
+        } else {
+            None
+        }
+    }
+
     /// Every option that shapes the result, and its value.
-    pub(crate) fn options(&self) -> [(&'static str, String); 9] {
+    pub(crate) fn options(&self) -> [(&'static str, String); 10] {
         let list = |names: Vec<String>, none: &str| if names.is_empty() { none.to_owned() } else { names.join(",") };
         let photos = match (self.share_intrinsics, self.joint) {
             (true, _) => "joint, one camera",
             (false, true) => "joint",
             (false, false) => "independent",
         };
+        let ends = |[least, most]: [f64; 2]| format!("{least} to {most}");
+        let bounds = [
+            self.focal_range.map(|range| format!("focal {}", ends(range))),
+            self.principal_within.map(|off| format!("principal within {off}")),
+            self.distance_range.map(|range| format!("distance {}", ends(range))),
+        ];
         let parts = self.refine.iter().filter_map(|part| Some(part.to_possible_value()?.get_name().to_owned()));
         [
             ("metric", self.metric.to_string()),
@@ -143,6 +172,7 @@ impl Register {
             ("solver", self.solver.to_string()),
             ("rotation", self.rotation.to_string()),
             ("refine", list(parts.collect(), "pose")),
+            ("bounds", list(bounds.into_iter().flatten().collect(), "none")),
             ("photos", photos.to_owned()),
             ("seed", self.seed.to_string()),
         ]
@@ -222,6 +252,12 @@ fn size(text: &str) -> Result<(usize, usize), String> {
         (2..=200, 2..=200) => Ok(sides),
         _ => Err("a board has from 2 to 200 inner corners along each side".into()),
     }
+}
+
+/// Reads two positive numbers, the second of them the greater.
+fn interval(text: &str) -> Result<[f64; 2], String> {
+    let ends = text.split_once(',').and_then(|(a, b)| Some([positive(a.trim()).ok()?, positive(b.trim()).ok()?]));
+    ends.filter(|[least, most]| least < most).ok_or_else(|| "is written as two numbers above zero, MIN,MAX".into())
 }
 
 /// Reads a positive number.

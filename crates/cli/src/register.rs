@@ -4,18 +4,20 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{anyhow, bail};
+use clap::CommandFactory as _;
+use clap::error::ErrorKind;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
-    Event, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, SolverName, Stage, Status, motion,
-    overlay, register, register_jointly, search,
+    Bounds, Event, FocalSource, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status,
+    motion, overlay, register, register_jointly, search,
 };
 use texreg::formats::{CameraEntry, CameraFile, write_cameras};
 use texreg::surface::Mesh;
 
 use crate::Ending;
-use crate::args::{Part, Register};
+use crate::args::{Args, Part, Register};
 use crate::handover;
 use crate::inputs::{Inputs, masked, model, name, photo};
 use crate::output::{Output, jpeg, overlay_name, print, table};
@@ -70,8 +72,8 @@ impl Registered {
 
 pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     let joint = args.joint || args.share_intrinsics;
-    if joint && args.solver != SolverName::default() {
-        bail!("--solver {}: photos are registered jointly by {} alone", args.solver, SolverName::default());
+    if let Some(contradiction) = args.contradiction() {
+        Args::command().error(ErrorKind::ArgumentConflict, contradiction).exit();
     }
     let inputs = Inputs::read(&args.inputs, args.init.as_deref())?;
     let output = Output::open(&args.inputs.output)?;
@@ -88,6 +90,12 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
             principal: refines(Part::Principal),
             distortion: refines(Part::Distortion),
         },
+        focal_from: if args.init.is_some() && args.inputs.camera.is_none() {
+            FocalSource::Guessed
+        } else {
+            FocalSource::Stated
+        },
+        bounds: Bounds { focal: args.focal_range, principal: args.principal_within, distance: args.distance_range },
         share_intrinsics: args.share_intrinsics,
         seed: args.seed,
     };

@@ -23,8 +23,9 @@ const BATCH: usize = 1_000;
 const STOCHASTIC_STEPS: usize = 120;
 
 impl SolverName {
-    /// The solver of this name: for so many steps of Levenberg–Marquardt, until a step gains less than `gain`.
-    pub(crate) fn solver(self, steps: usize, gain: f64) -> Box<dyn Solver<View>> {
+    /// The solver of this name, for the views of so many photos: for so many steps of Levenberg–Marquardt, until a step gains less
+    /// than `gain`.
+    pub(crate) fn solver<Point: Clone>(self, photos: usize, steps: usize, gain: f64) -> Box<dyn Solver<Point>> {
         let ascent = |direction, search| {
             Box::new(Ascent { direction, search, iterations: SEARCHING * steps, gain_tolerance: gain })
         };
@@ -40,9 +41,9 @@ impl SolverName {
                 Box::new(StochasticGradient { iterations: STOCHASTIC_STEPS, ..StochasticGradient::default() })
             }
             // In units of the curvature: an object that fills the photo moves by about a pixel in a hundredth.
-            Self::Bobyqa => Box::new(Bobyqa { iterations: BLIND * steps, radius: 0.1, tolerance: 1e-3 }),
+            Self::Bobyqa => Box::new(Bobyqa { iterations: photos * BLIND * steps, radius: 0.1, tolerance: 1e-3 }),
             Self::NelderMead => {
-                Box::new(NelderMead { iterations: BLIND * steps, radius: 0.1, gain_tolerance: 0.1 * gain })
+                Box::new(NelderMead { iterations: photos * BLIND * steps, radius: 0.1, gain_tolerance: 0.1 * gain })
             }
         }
     }

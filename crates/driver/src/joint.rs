@@ -10,6 +10,7 @@
 use crate::objective::Prior;
 use crate::outcome::{Event, Outcome, Stage, Status};
 use crate::pair::{DepthMap, Overlap, PairObjective, Sight, overlaps};
+use crate::parameters::ViewSpace;
 use crate::register::{EFFORTS, PRIOR, Registration, SETTLED, Similarity, stage};
 use crate::rig::{RigObjective, RigSpace};
 use crate::samples::{Sampler, Sampling, SurfaceSamples};
@@ -20,7 +21,7 @@ use nalgebra::DVector;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::{Camera, View};
-use texreg_optim::{LevenbergMarquardt, Objective, Solver};
+use texreg_optim::Objective;
 
 /// The coarsest level on which photos climb together; above it each finds its way alone.
 const COARSEST: usize = 2;
@@ -32,8 +33,9 @@ const SHARING: f64 = 0.9;
 const ROUNDS: usize = 2;
 
 /// Registers photos jointly, each from a rough view of the world, telling `observer` of each stage. Outcomes are in the photos'
-/// order; with [`share_intrinsics`](Options::share_intrinsics) the cameras of all photos that go with the others are equal.
-/// Together they climb by Levenberg–Marquardt, whatever the solver.
+/// order, which changes none of them; with [`share_intrinsics`](Options::share_intrinsics) the cameras of all photos that go with the
+/// others are equal.
+/// Together they climb by the options' solver; stochastic gradients look at all samples there, for batches are of one photo.
 ///
 /// # Errors
 /// If the model cannot be seen from a start, or the observer says stop: the index of the photo, and the cause.
@@ -47,24 +49,34 @@ pub fn register_jointly(
     observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
 ) -> Result<Vec<Outcome>, (usize, Error)> {
     assert_eq!(photos.len(), starts.len(), "one start a photo");
+    // By their names: sums in another order would round otherwise, and lead elsewhere by a little.
+    let mut order: Vec<usize> = (0..photos.len()).collect();
+    order.sort_by(|&i, &j| photos[i].photo.file.cmp(&photos[j].photo.file));
     let (mut done, mut of) = (0, 0);
     let mut found = Vec::new();
-    for (i, (photo, start)) in photos.iter().zip(starts).enumerate() {
+    for (k, &i) in order.iter().enumerate() {
+        let photo = &photos[i];
         let mut forward = |event: &Event| {
-            (done, of) = (i * event.of + event.done, photos.len() * (event.of + COARSEST + 1));
+            (done, of) = (k * event.of + event.done, photos.len() * (event.of + COARSEST + 1));
             observer(&Event { done, of, ..event.clone() })
         };
-        let (outcome, findings) = photo.find(start, options.refine, &mut forward).map_err(|error| (i, error))?;
-        let (start, view) = (photo.model.inward(start), photo.model.inward(&outcome.view));
+        let start = photo.limits(options.refine, &starts[i].camera).held(&photo.model.inward(&starts[i]));
+        let found_alone = photo.find(&photo.model.outward(&start), options.refine, &mut forward);
+        let (outcome, findings) = found_alone.map_err(|error| (i, error))?;
+        let view = photo.model.inward(&outcome.view);
         found.push(Found { start, view, outcome, findings, apart: false });
     }
-    let mut joint = Joint { photos, options, found };
-    joint.run(&mut |stage, view| {
+    let mut joint = Joint { photos: order.iter().map(|&i| &photos[i]).collect(), options, found };
+    let ran = joint.run(&mut |stage, view| {
         done = (done + 1).min(of);
         let event = Event { done, of, stage: stage.clone(), view: *view };
         if observer(&event).is_break() { Err(Error::Stopped) } else { Ok(()) }
-    })?;
-    Ok(joint.found.into_iter().map(|found| found.outcome).collect())
+    });
+    ran.map_err(|(k, error)| (order[k], error))?;
+    let mut outcomes: Vec<(usize, Outcome)> =
+        order.into_iter().zip(joint.found).map(|(i, found)| (i, found.outcome)).collect();
+    outcomes.sort_by_key(|&(i, _)| i);
+    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
 }
 
 /// A photo on its way; views are of the model's frame.
@@ -78,7 +90,7 @@ struct Found {
 }
 
 struct Joint<'a> {
-    photos: &'a [Registration<'a>],
+    photos: Vec<&'a Registration<'a>>,
     options: &'a Options,
     found: Vec<Found>,
 }
@@ -95,7 +107,8 @@ impl Joint<'_> {
             .collect();
         if self.shared() {
             let lens = median(together.iter().map(|&i| self.found[i].view.camera));
-            self.found.iter_mut().for_each(|found| found.view = with_lens(&found.view, lens));
+            (0..self.found.len())
+                .for_each(|i| self.found[i].view = self.held(i, &with_lens(&self.found[i].view, lens)));
         }
         for index in (1..=COARSEST).rev() {
             self.climb(&together, index, tell)?;
@@ -112,13 +125,27 @@ impl Joint<'_> {
         for i in 0..self.found.len() {
             if !together.contains(&i) && self.shared() && !self.found[i].apart {
                 let lens = self.found[together[0]].view.camera;
-                self.found[i].view = with_lens(&self.found[i].view, lens);
+                self.found[i].view = self.held(i, &with_lens(&self.found[i].view, lens));
                 self.settle(i);
             }
             self.judge(i);
         }
         self.doubt(&together);
         Ok(())
+    }
+
+    /// The camera that a photo is expected to have.
+    fn expected(&self, i: usize) -> Camera {
+        if self.shared() && !self.found[i].apart {
+            median(self.found.iter().map(|found| found.start.camera))
+        } else {
+            self.found[i].start.camera
+        }
+    }
+
+    /// A photo's view within the bounds.
+    fn held(&self, i: usize, view: &View) -> View {
+        self.photos[i].limits(self.options.refine, &self.expected(i)).held(view)
     }
 
     fn shared(&self) -> bool {
@@ -157,14 +184,21 @@ impl Joint<'_> {
 
     /// Looks for a photo with a given lens; whether it is found now.
     fn find_again(&mut self, i: usize, lens: Camera) -> bool {
-        let (photo, found) = (&self.photos[i], &mut self.found[i]);
+        let (photo, found) = (self.photos[i], &mut self.found[i]);
         // The start's distance may go with its own lens or be right as it is.
         let starts = [with_lens(&found.start, lens), View { camera: lens, pose: found.start.pose }];
-        let look = |start: &View| {
-            photo.find(&photo.model.outward(start), Refine::default(), &mut |_| ControlFlow::Continue(())).ok()
-        };
-        let better = |a: &(Outcome, Findings), b: &(Outcome, Findings)| a.1.similarity.1.total_cmp(&b.1.similarity.1);
-        let Some((outcome, findings)) = starts.iter().filter_map(look).max_by(better) else { return false };
+        let mut best: Option<(Outcome, Findings)> = None;
+        for start in &starts {
+            let found = photo.find(&photo.model.outward(start), Refine::default(), &mut |_| ControlFlow::Continue(()));
+            let better = |(_, findings): &(Outcome, Findings)| {
+                best.as_ref().is_none_or(|(_, before)| findings.similarity.1 > before.similarity.1)
+            };
+            best = found.ok().filter(better).or(best);
+            if best.as_ref().is_some_and(|(outcome, _)| outcome.status == Status::Registered) {
+                break;
+            }
+        }
+        let Some((outcome, findings)) = best else { return false };
         let start = found.findings.similarity.0;
         found.findings = Findings { similarity: (start, findings.similarity.1), ..findings };
         found.view = photo.model.inward(&outcome.view);
@@ -179,32 +213,31 @@ impl Joint<'_> {
         let began = Instant::now();
         let level = |i: usize| index.min(self.photos[i].levels.len() - 1);
         let effort = EFFORTS[EFFORTS.len() - 1];
-        let view_space = self.photos[together[0]].space(self.options.refine);
-        let space = RigSpace { view: &view_space, photos: together.len(), shared: self.shared() };
-        let solver = LevenbergMarquardt {
-            iterations: effort.iterations,
-            damping: 1e-2,
-            gain_tolerance: effort.gain * together.len() as f64,
-        };
+        let count = together.len();
+        let spaces: Vec<ViewSpace> =
+            together.iter().map(|&i| self.photos[i].space(self.options.refine, &self.expected(i))).collect();
+        let space = RigSpace { views: &spaces, shared: self.shared() };
+        let solver = self.options.solver.solver(count, effort.iterations, effort.gain * count as f64);
         let mut views: Vec<View> = together.iter().map(|&i| self.found[i].view).collect();
         let mut tally: Vec<Stage> = Vec::new();
         for rendering in 0..effort.renderings {
             let Some(sampled) = self.sample(together, &views, index) else { break };
             let overlaps = self.overlaps(together, &views, &sampled);
-            let photos = together.iter().zip(&sampled).map(|(&i, samples)| {
+            let photos = together.iter().zip(&sampled).zip(&spaces).map(|((&i, samples), space)| {
                 let prior = if self.shared() { 0.0 } else { PRIOR };
-                self.photos[i].objective(level(i), samples, &view_space, &self.found[i].start.camera, prior)
+                self.photos[i].objective(level(i), samples, space, &self.expected(i), prior)
             });
             let pairs = overlaps.iter().map(|overlap| {
                 let levels = overlap.photos.map(|k| &self.photos[together[k]].levels[level(together[k])]);
                 PairObjective::new(overlap, levels)
             });
-            let expected = median(together.iter().map(|&i| self.found[i].start.camera));
+            let prior =
+                Prior { camera: self.expected(together[0]), focal_from: self.options.focal_from, weight: PRIOR };
             let mut objective = RigObjective {
                 space: &space,
                 photos: photos.collect(),
                 pairs: pairs.collect(),
-                prior: self.shared().then_some(Prior { camera: expected, weight: PRIOR }),
+                prior: self.shared().then_some(prior),
             };
             let values = |objective: &mut RigObjective, views: &[View]| -> Vec<f64> {
                 objective
@@ -235,7 +268,7 @@ impl Joint<'_> {
                 break;
             }
         }
-        let milliseconds = began.elapsed().as_secs_f64() * 1e3 / together.len() as f64;
+        let milliseconds = began.elapsed().as_secs_f64() * 1e3 / count as f64;
         for ((&i, view), mut stage) in together.iter().zip(views).zip(tally) {
             stage.milliseconds = milliseconds;
             tell(&stage, &self.photos[i].model.outward(&view)).map_err(|error| (i, error))?;
@@ -271,7 +304,7 @@ impl Joint<'_> {
 
     /// Climbs with one photo at full size, its lens fixed.
     fn settle(&mut self, i: usize) {
-        let (photo, found) = (&self.photos[i], &mut self.found[i]);
+        let (photo, found) = (self.photos[i], &mut self.found[i]);
         let mut sampler = Sampler::new(photo.model.mesh, &*photo.model.signal);
         if let Some(climb) = photo.climb(&mut sampler, 0, &found.view, &found.start, Refine::default()) {
             found.view = climb.view;
@@ -288,13 +321,15 @@ impl Joint<'_> {
     /// The verdict on where a photo came to; the start is handed back where that is better.
     fn judge(&mut self, i: usize) {
         let Similarity { value: similarity, gain, covered } = self.similarity(i);
-        let (photo, found) = (&self.photos[i], &mut self.found[i]);
+        let limits = self.photos[i].limits(self.options.refine, &self.expected(i));
+        let (photo, found) = (self.photos[i], &mut self.found[i]);
         let model = photo.model;
         let coarse = photo.coarse_similarity(&found.view).unwrap_or_default();
         let findings = &mut found.findings;
         let start = findings.similarity.0;
         findings.similarity = (start, similarity);
         findings.covered = covered;
+        findings.at_bound = limits.reached(&found.view);
         findings.across_levels = (coarse.gain, gain);
         findings.moved = model.distance(&found.start, &found.view);
         (found.outcome.status, found.outcome.reasons) = verdict(findings);
@@ -311,7 +346,7 @@ impl Joint<'_> {
         let witness = |i: usize, refine: Refine, prior: f64| {
             let found = &self.found[i];
             (found.outcome.status != Status::Failed)
-                .then(|| Witness::new(&self.photos[i], &found.view, refine, &found.start.camera, prior))
+                .then(|| Witness::new(self.photos[i], &found.view, refine, &self.expected(i), prior))
                 .flatten()
         };
         let mut sure: Vec<Option<Uncertainty>> = vec![None; self.found.len()];
@@ -325,7 +360,7 @@ impl Joint<'_> {
             let members: Vec<(usize, Witness)> =
                 together.iter().filter_map(|&i| Some((i, witness(i, refine, 0.0)?))).collect();
             let (members, witnesses): (Vec<usize>, Vec<Witness>) = members.into_iter().unzip();
-            let deviations = refine.deviations(&self.found[together[0]].start.camera);
+            let deviations = refine.deviations(&self.found[together[0]].start.camera, self.options.focal_from);
             let precision = DVector::from_vec(deviations).map(|d| PRIOR / (d * d));
             for (i, found) in members.into_iter().zip(uncertainties(&witnesses, refine.camera(), &precision)) {
                 sure[i] = found;

@@ -3,6 +3,7 @@
 //! [`register`] takes a model, a photo and a rough view and hands back the view that maximizes the metric, with a verdict.
 //! Around it stand the doors: [`Photo`], the camera files, and the score against known cameras.
 
+mod bounds;
 mod channel;
 mod climb;
 mod contour;
@@ -36,6 +37,7 @@ mod verdict;
 mod viewer;
 mod window;
 
+pub use bounds::Bounds;
 pub use error::Error;
 pub use evaluate::{Motion, Score, TruePhoto, Truth, motion, read_truth, score};
 pub use joint::register_jointly;
@@ -46,7 +48,7 @@ pub use options::{BinsName, ChannelName, MetricName, Options, RotationName, Solv
 pub use outcome::{Event, Outcome, Stage, Status};
 pub use overlay::{Panel, outline_picture, overlay};
 pub use pairs::{FEWEST_PAIRS, PairFit, fit_of_pairs, pose_and_focal_from_pairs, pose_from_pairs};
-pub use parameters::Refine;
+pub use parameters::{FocalSource, Refine};
 pub use photo::{Photo, PhotoError};
 pub use register::{Registration, register, search};
 pub use uncertainty::{FocalUncertainty, Uncertainty};

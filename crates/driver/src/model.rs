@@ -12,6 +12,8 @@ pub struct Model<'a> {
     pub(crate) signal: Box<dyn Signal>,
     /// A few vertices, to measure how far apart two views are.
     probes: Vec<Point3<f64>>,
+    /// The centre of the bounding box, in the model's frame.
+    pub(crate) centre: Vector3<f64>,
 }
 
 /// Triangles of the coarse copy: enough for pictures of 200 pixels.
@@ -31,6 +33,7 @@ impl<'a> Model<'a> {
             coarse: mesh.simplified(COARSE),
             signal,
             probes: probes.map(|p| p.map(f64::from).into()).collect(),
+            centre: mesh.centre().coords - mesh.origin,
         })
     }
 

@@ -6,11 +6,11 @@
 //! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`, by the metric's unit. The agreement of edges and that of silhouettes have files of their
 //! own; what is climbed is one of the three, a product or a sum.
 
-use crate::Refine;
 use crate::options::{MetricName, Terms};
 use crate::parameters::{Dense, MOST, POSE, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
+use crate::{FocalSource, Refine};
 use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
@@ -22,6 +22,8 @@ use texreg_optim::{Curvature, Derivatives, Objective};
 pub(crate) struct Prior {
     /// The expected camera.
     pub(crate) camera: Camera,
+    /// How well its focal length is known.
+    pub(crate) focal_from: FocalSource,
     /// What the prior counts for, against one photo: the reciprocal of the number of independent samples in it.
     pub(crate) weight: f64,
 }
@@ -30,14 +32,14 @@ impl Prior {
     /// Minus half the squared distance from the expected camera in standard deviations, weighted.
     pub(crate) fn log(&self, refine: Refine, camera: &Camera) -> f64 {
         let offset = refine.offset(&self.camera, camera);
-        let deviations = refine.deviations(&self.camera);
+        let deviations = refine.deviations(&self.camera, self.focal_from);
         -0.5 * self.weight * offset.iter().zip(deviations).map(|(x, d)| (x / d).powi(2)).sum::<f64>()
     }
 
     /// The derivatives of [`log`](Self::log) by the camera's components.
     pub(crate) fn derivatives(&self, refine: Refine, camera: &Camera) -> Dense {
         let offset = DVector::from_vec(refine.offset(&self.camera, camera));
-        let deviations = DVector::from_vec(refine.deviations(&self.camera));
+        let deviations = DVector::from_vec(refine.deviations(&self.camera, self.focal_from));
         let precision = deviations.map(|d| self.weight / (d * d));
         Dense { gradient: -precision.component_mul(&offset), curvature: DMatrix::from_diagonal(&precision) }
     }
@@ -305,6 +307,7 @@ impl<const N: usize> Sums<N> {
 pub(crate) mod tests {
     use super::*;
     use crate::RotationName;
+    use crate::bounds::Limits;
     use crate::contour::{Contour, Silhouette};
     use crate::needles::Needles;
     use nalgebra::Rotation3;
@@ -374,11 +377,11 @@ pub(crate) mod tests {
         let refine = Refine { focal: true, principal: true, distortion: true };
         let mut expected = view.camera;
         expected.intrinsics.fx *= 1.01;
-        let prior = Prior { camera: expected, weight: 1e-2 };
+        let prior = Prior { camera: expected, focal_from: FocalSource::Stated, weight: 1e-2 };
         let charts = RotationName::ALL.iter().map(|&rotation| (rotation, MetricName::MutualInformation));
         let metrics = MetricName::ALL.iter().map(|&metric| (RotationName::Lie, metric));
         for (rotation, metric) in charts.chain(metrics) {
-            let space = ViewSpace { rotation: rotation.chart(), refine };
+            let space = ViewSpace { rotation: rotation.chart(), refine, limits: Limits::default() };
             let mut samples = samples.clone();
             samples.needles = samples.needles.filter(|_| metric.has_edges());
             samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
@@ -412,8 +415,9 @@ pub(crate) mod tests {
     fn gains_over_independence_are_information() {
         let (view, level, samples) = drawn_scene();
         let density = Parzen { model_bins: 7, photo_bins: 16 };
-        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default() };
-        let prior = Prior { camera: view.camera, weight: 0.0 };
+        let space =
+            ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default(), limits: Limits::default() };
+        let prior = Prior { camera: view.camera, focal_from: FocalSource::Stated, weight: 0.0 };
         let of = |metric: MetricName| {
             let mut samples = samples.clone();
             samples.needles = samples.needles.filter(|_| metric.has_edges());
@@ -441,8 +445,9 @@ pub(crate) mod tests {
         samples.bins = samples.bins.into_iter().step_by(25).collect();
         let count = samples.points.len();
         let density = Parzen { model_bins: 7, photo_bins: 16 };
-        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default() };
-        let prior = Prior { camera: view.camera, weight: 0.0 };
+        let space =
+            ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default(), limits: Limits::default() };
+        let prior = Prior { camera: view.camera, focal_from: FocalSource::Stated, weight: 0.0 };
         let (values, _) = look::<f64>(&samples.points, &level, &view);
         for metric in [MetricName::MutualInformation, MetricName::Normalized, MetricName::ConditionalEntropy] {
             let of = metric.terms(&samples, &density).density.unwrap();

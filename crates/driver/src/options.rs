@@ -1,7 +1,7 @@
 //! What a registration can be asked to do.
 
-use crate::Refine;
 use crate::samples::SurfaceSamples;
+use crate::{Bounds, FocalSource, Refine};
 use nalgebra::Rotation3;
 use std::fmt;
 use std::str::FromStr;
@@ -12,7 +12,7 @@ use texreg_mi::{
 };
 
 /// The options of a registration. `Default` is the choice for a photo of which nothing is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
     /// The measure of agreement.
     pub metric: MetricName,
@@ -26,6 +26,10 @@ pub struct Options {
     pub solver: SolverName,
     /// The parts of the camera that are refined with the pose.
     pub refine: Refine,
+    /// How well the focal length is known before.
+    pub focal_from: FocalSource,
+    /// What the camera is kept to.
+    pub bounds: Bounds,
     /// Whether one camera took all photos that are registered jointly: what is refined of it is the same for all.
     pub share_intrinsics: bool,
     /// The seed of everything random.

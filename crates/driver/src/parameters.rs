@@ -4,6 +4,7 @@
 //! (both focal lengths by the same factor), the principal point in pixels, and `k1, k2, p1, p2, k3`. The rotation turns the
 //! model about the origin of its frame.
 
+use crate::bounds::Limits;
 use nalgebra::{DMatrix, DVector, Matrix2x5, Rotation3, Vector2, Vector3};
 use texreg_camera::{Camera, Projection, View};
 use texreg_lie::{Chart, Pose};
@@ -20,6 +21,26 @@ pub struct Refine {
     pub distortion: bool,
 }
 
+/// Where the focal length that a registration starts with comes from, and so how well it is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FocalSource {
+    /// A calibration, or EXIF, which rounds it and does not know at what distance the lens was focused: to 3 %.
+    #[default]
+    Stated,
+    /// A rough camera: to 20 %.
+    Guessed,
+}
+
+impl FocalSource {
+    /// The relative standard deviation.
+    fn deviation(self) -> f64 {
+        match self {
+            Self::Stated => 0.03,
+            Self::Guessed => 0.2,
+        }
+    }
+}
+
 /// The components of the pose in the tangent space.
 pub(crate) const POSE: usize = 6;
 
@@ -31,9 +52,9 @@ pub(crate) const MOST: usize = POSE + 8;
 
 impl Refine {
     /// The standard deviations of the camera's components before the photo was looked at.
-    pub(crate) fn deviations(self, camera: &Camera) -> Vec<f64> {
+    pub(crate) fn deviations(self, camera: &Camera, source: FocalSource) -> Vec<f64> {
         let principal = 0.01 * f64::from(camera.width.max(camera.height));
-        let focal = self.focal.then_some(0.03);
+        let focal = self.focal.then_some(source.deviation());
         let principal = self.principal.then_some([principal; 2]);
         let distortion = self.distortion.then_some([0.1, 0.1, 0.002, 0.002, 0.05]);
         let rest = principal.into_iter().flatten().chain(distortion.into_iter().flatten());
@@ -112,6 +133,7 @@ impl Dense {
 pub(crate) struct ViewSpace<'a> {
     pub(crate) rotation: &'a (dyn Chart<Rotation3<f64>> + Sync),
     pub(crate) refine: Refine,
+    pub(crate) limits: Limits,
 }
 
 impl ViewSpace<'_> {
@@ -136,11 +158,23 @@ impl Manifold<View> for ViewSpace<'_> {
         self.rotation.dimension() + self.refine.dimension() - 3
     }
 
-    /// Within the chart's radius, and a focal length at most a quarter longer or shorter by one step.
-    fn region(&self, _: &View) -> Region {
+    /// Within the chart's radius and the bounds, and a focal length at most a quarter longer or shorter by one step.
+    fn region(&self, at: &View) -> Region {
         let turn = self.rotation.dimension();
-        let region = Region::default().ball(0..turn, self.rotation.radius());
-        if self.refine.focal { region.bound(turn + 3, -FOCAL_STEP, FOCAL_STEP) } else { region }
+        let [least, most] = self.limits.distance_step(at);
+        let mut region = Region::default().ball(0..turn, self.rotation.radius()).bound(turn + 2, least, most);
+        let mut next = turn + 3;
+        if self.refine.focal {
+            let [least, most] = self.limits.focal_step(at);
+            region = region.bound(next, least.max(-FOCAL_STEP), most.min(FOCAL_STEP));
+            next += 1;
+        }
+        if self.refine.principal {
+            for (k, [least, most]) in self.limits.principal_step(at).into_iter().enumerate() {
+                region = region.bound(next + k, least, most);
+            }
+        }
+        region
     }
 
     fn retract(&self, at: &View, step: &DVector<f64>) -> Option<View> {
@@ -163,6 +197,6 @@ impl Manifold<View> for ViewSpace<'_> {
         if self.refine.distortion {
             camera.distortion = camera.distortion.to_array().map(|c| c + next()).into();
         }
-        Some(View { camera, pose })
+        Some(self.limits.held(&View { camera, pose }))
     }
 }

@@ -16,6 +16,7 @@ mod anywhere;
 
 pub use anywhere::search;
 
+use crate::bounds::Limits;
 use crate::channel::channel;
 use crate::climb::Batches;
 use crate::contour::Silhouette;
@@ -57,7 +58,7 @@ pub fn register(
 /// A photo made ready for a model: for registrations from several starts.
 pub struct Registration<'a> {
     pub(crate) model: &'a Model<'a>,
-    photo: &'a Photo,
+    pub(crate) photo: &'a Photo,
     pub(crate) options: &'a Options,
     density: Parzen,
     /// The photo, full size first.
@@ -213,7 +214,7 @@ impl<'a> Registration<'a> {
         refine: Refine,
         observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
     ) -> Result<(Outcome, Findings), Error> {
-        let start = self.model.inward(start);
+        let start = self.limits(refine, &start.camera).held(&self.model.inward(start));
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let at_start = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?.value;
         let of = 1 + self.levels.len().max(2);
@@ -223,7 +224,7 @@ impl<'a> Registration<'a> {
             course.of = self.levels.len();
             // From inside, views elsewhere show other things, and less of them predicts a photo better: they do not compare.
             let finish = self.descend(&mut sampler, &start, refine, &mut course)?;
-            let findings = self.findings(&finish, &start, at_start);
+            let findings = self.findings(&finish, refine, &start, at_start);
             return Ok((self.outcome(&finish, &start, &findings, course.stages), findings));
         }
 
@@ -252,7 +253,7 @@ impl<'a> Registration<'a> {
             course.of += self.levels.len();
             finish = self.descend(&mut sampler, &start, refine, &mut course)?;
         }
-        let mut findings = self.findings(&finish, &start, at_start);
+        let mut findings = self.findings(&finish, refine, &start, at_start);
 
         let step = self.region(&start).map_or(0.0, |region| region.step(&start, &finish.view));
         let far = step > FAR * narrow.deviation;
@@ -270,13 +271,13 @@ impl<'a> Registration<'a> {
             let worth = |finish: &Finish| finish.similarity.value + self.peak(&finish.view);
             if worth(&wide) > worth(&finish) {
                 finish = wide;
-                findings = self.findings(&finish, &start, at_start);
+                findings = self.findings(&finish, refine, &start, at_start);
             }
         }
         Ok((self.outcome(&finish, &start, &findings, course.stages), findings))
     }
 
-    fn findings(&self, finish: &Finish, start: &View, at_start: f64) -> Findings {
+    fn findings(&self, finish: &Finish, refine: Refine, start: &View, at_start: f64) -> Findings {
         Findings {
             similarity: (at_start, finish.similarity.value),
             moved: self.model.distance(start, &finish.view),
@@ -284,6 +285,7 @@ impl<'a> Registration<'a> {
             rival: finish.rival,
             covered: finish.similarity.covered,
             shared: None,
+            at_bound: self.limits(refine, &start.camera).reached(&finish.view),
         }
     }
 
@@ -376,9 +378,11 @@ impl<'a> Registration<'a> {
     /// The views that a search around one of them looked at, the best first; `None` where the model is not in sight.
     fn around(&self, start: &View, search: &Search, score: &Score) -> Option<Vec<(f64, View)>> {
         let region = self.region(start)?;
-        Some(search.around(start, &region, |workspace, view| {
-            score(&self.overview, &self.model.coarse, &*self.model.signal, workspace, view)
-        }))
+        let limits = self.limits(Refine::default(), &start.camera);
+        let found = search.around(start, &region, |workspace, view| {
+            score(&self.overview, &self.model.coarse, &*self.model.signal, workspace, &limits.held(view))
+        });
+        Some(found.into_iter().map(|(score, view)| (score, limits.held(&view))).collect())
     }
 
     /// The part of the model that a view shows.
@@ -436,7 +440,7 @@ impl<'a> Registration<'a> {
     /// Climbs through the levels from a view that is near already, without looking around: for comparisons of solvers and
     /// charts. The view, and how often the metric was evaluated; `None` where the view shows nothing of the model.
     pub fn climb_from(&self, start: &View) -> Option<(View, usize)> {
-        let start = self.model.inward(start);
+        let start = self.limits(self.options.refine, &start.camera).held(&self.model.inward(start));
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let top = self.levels.len() - 1;
         let (view, evaluations, _) = self.straight(&mut sampler, top, &start, self.options.refine)?;
@@ -476,7 +480,7 @@ impl<'a> Registration<'a> {
     fn similarity_at(&self, index: usize, samples: usize, sampler: &mut Sampler, view: &View) -> Option<Similarity> {
         let sampling = Sampling::with_halo(samples, self.options.metric);
         let samples = sampler.sample(view, &self.levels[index], &sampling)?;
-        let space = self.space(Refine::default());
+        let space = self.space(Refine::default(), &view.camera);
         let mut objective = self.objective(index, &samples, &space, &view.camera, 0.0);
         let value = objective.value(view)?;
         let gain = value - objective.independent(view)?;
@@ -496,8 +500,8 @@ impl<'a> Registration<'a> {
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
         let sampling = Sampling::with_halo(effort.samples, self.options.metric);
-        let space = self.space(if index < 2 { refine } else { Refine::default() });
-        let solver = self.options.solver.solver(effort.iterations, effort.gain);
+        let space = self.space(if index < 2 { refine } else { Refine::default() }, &start.camera);
+        let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
         let mut climb = Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, evaluations: 0, renderings: 0 };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
@@ -539,8 +543,13 @@ impl<'a> Registration<'a> {
         Some(climb)
     }
 
-    pub(crate) fn space(&self, refine: Refine) -> ViewSpace<'_> {
-        ViewSpace { rotation: self.options.rotation.chart(), refine }
+    /// What views are kept to: `expected` is the camera they start with.
+    pub(crate) fn limits(&self, refine: Refine, expected: &Camera) -> Limits {
+        Limits::new(&self.options.bounds, refine, expected, self.model.centre)
+    }
+
+    pub(crate) fn space(&self, refine: Refine, expected: &Camera) -> ViewSpace<'_> {
+        ViewSpace { rotation: self.options.rotation.chart(), refine, limits: self.limits(refine, expected) }
     }
 
     pub(crate) fn objective<'b>(
@@ -551,7 +560,7 @@ impl<'a> Registration<'a> {
         expected: &Camera,
         weight: f64,
     ) -> PhotoObjective<'b> {
-        let prior = Prior { camera: *expected, weight };
+        let prior = Prior { camera: *expected, focal_from: self.options.focal_from, weight };
         PhotoObjective::new(samples, &self.levels[index], &self.density, self.options.metric, space, prior)
     }
 }

@@ -8,59 +8,66 @@
 //! M = Σ_p M_p + Σ_p Σ_q w_pq I_pq + log prior of the camera.
 //! ```
 
+use crate::Refine;
 use crate::objective::{PhotoObjective, Prior};
 use crate::pair::PairObjective;
 use crate::parameters::{Dense, ViewSpace};
 use nalgebra::DVector;
-use std::ops::Range;
 use texreg_camera::View;
 use texreg_mi::Real;
-use texreg_optim::{Arrow, Curvature, Derivatives, Manifold, Objective, Pair};
+use texreg_optim::{Arrow, Curvature, Derivatives, Manifold, Objective, Pair, Region};
 
 /// The views of several photos, whose cameras are their own or the same for all.
 pub(crate) struct RigSpace<'a> {
-    pub(crate) view: &'a ViewSpace<'a>,
-    pub(crate) photos: usize,
+    /// One a photo.
+    pub(crate) views: &'a [ViewSpace<'a>],
     /// Whether one camera took all photos: their views then have equal cameras.
     pub(crate) shared: bool,
 }
 
 impl RigSpace<'_> {
+    fn refine(&self) -> Refine {
+        self.views[0].refine
+    }
+
     /// The components that the photos share.
     fn common(&self) -> usize {
-        if self.shared { self.view.refine.camera() } else { 0 }
+        if self.shared { self.refine().camera() } else { 0 }
     }
 
     /// The components of one photo alone.
     fn own(&self) -> usize {
-        self.view.dimension() - self.common()
+        self.views[0].dimension() - self.common()
     }
 
-    fn own_range(&self, photo: usize) -> Range<usize> {
-        photo * self.own()..(photo + 1) * self.own()
-    }
-
-    fn common_range(&self) -> Range<usize> {
-        self.photos * self.own()..self.dimension()
-    }
-
-    /// Where the components of a photo's view are among those of all.
-    fn components(&self, photo: usize) -> impl Iterator<Item = usize> {
-        self.own_range(photo).chain(self.common_range())
+    /// Where a component of a photo's view is among those of all.
+    fn component(&self, photo: usize, k: usize) -> usize {
+        let own = self.own();
+        if k < own { photo * own + k } else { self.views.len() * own + k - own }
     }
 }
 
 impl Manifold<Vec<View>> for RigSpace<'_> {
     fn dimension(&self) -> usize {
-        self.photos * self.own() + self.common()
+        self.views.len() * self.own() + self.common()
     }
 
     fn retract(&self, at: &Vec<View>, step: &DVector<f64>) -> Option<Vec<View>> {
         let of = |(photo, view): (usize, &View)| {
-            let step: Vec<f64> = self.components(photo).map(|k| step[k]).collect();
-            self.view.retract(view, &step.into())
+            let space = &self.views[photo];
+            let step = DVector::from_fn(space.dimension(), |k, _| step[self.component(photo, k)]);
+            space.retract(view, &step)
         };
         at.iter().enumerate().map(of).collect()
+    }
+
+    /// That of each view; the shared camera is the same for all.
+    fn region(&self, at: &Vec<View>) -> Region {
+        at.iter().enumerate().fold(Region::default(), |all, (photo, view)| {
+            let mut region = self.views[photo].region(view);
+            region.bounds.retain(|&(k, ..)| photo == 0 || k < self.own());
+            all.and_by(region, |k| self.component(photo, k))
+        })
     }
 }
 
@@ -84,7 +91,7 @@ impl<T: Real> Objective<Vec<View>> for RigObjective<'_, T> {
             value += pair.value(at);
         }
         let prior = self.prior.as_ref().zip(at.first());
-        Some(value + prior.map_or(0.0, |(prior, view)| prior.log(self.space.view.refine, &view.camera)))
+        Some(value + prior.map_or(0.0, |(prior, view)| prior.log(self.space.refine(), &view.camera)))
     }
 
     fn derivatives(&mut self, at: &Vec<View>) -> Derivatives {
@@ -94,10 +101,10 @@ impl<T: Real> Objective<Vec<View>> for RigObjective<'_, T> {
         }
         for pair in &mut self.pairs {
             let photos = pair.photos();
-            sum.add(&photos, &pair.derivatives(at, self.space.view));
+            sum.add(&photos, &pair.derivatives(at, &self.space.views[0]));
         }
         if let (Some(prior), Some(view)) = (&self.prior, at.first()) {
-            sum.add(&[], &prior.derivatives(self.space.view.refine, &view.camera));
+            sum.add(&[], &prior.derivatives(self.space.refine(), &view.camera));
         }
         Derivatives { gradient: sum.gradient, curvature: Curvature::Arrow(sum.curvature) }
     }
@@ -112,7 +119,7 @@ struct Sum<'a> {
 
 impl<'a> Sum<'a> {
     fn new(space: &'a RigSpace<'a>) -> Self {
-        let curvature = Arrow::zeros(&vec![space.own(); space.photos], space.common());
+        let curvature = Arrow::zeros(&vec![space.own(); space.views.len()], space.common());
         Self { space, gradient: DVector::zeros(space.dimension()), curvature }
     }
 
@@ -137,7 +144,7 @@ impl<'a> Sum<'a> {
             }
         }
         for &row in &ends {
-            let mut gradient = self.gradient.rows_mut(self.space.photos * own, common);
+            let mut gradient = self.gradient.rows_mut(self.space.views.len() * own, common);
             gradient += part.gradient.rows(row, common);
             ends.iter().for_each(|&column| self.curvature.shared += block(row, common, column, common));
         }
@@ -147,12 +154,12 @@ impl<'a> Sum<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounds::Limits;
     use crate::objective::tests::scene;
     use crate::options::MetricName;
     use crate::pair::Overlap;
-    use crate::parameters::Refine;
     use crate::pyramid::Level;
-    use crate::{RotationName, samples::SurfaceSamples};
+    use crate::{FocalSource, RotationName, samples::SurfaceSamples};
     use nalgebra::Vector3;
     use texreg_lie::{Pose, so3};
     use texreg_mi::Parzen;
@@ -193,13 +200,14 @@ mod tests {
         for (rotation, shared) in
             [(RotationName::Lie, true), (RotationName::Quaternion, true), (RotationName::Lie, false)]
         {
-            let view_space = ViewSpace { rotation: rotation.chart(), refine };
-            let space = RigSpace { view: &view_space, photos: 3, shared };
-            let prior = |weight| Prior { camera: expected, weight };
+            let view_space = || ViewSpace { rotation: rotation.chart(), refine, limits: Limits::default() };
+            let spaces = [view_space(), view_space(), view_space()];
+            let space = RigSpace { views: &spaces, shared };
+            let prior = |weight| Prior { camera: expected, focal_from: FocalSource::Stated, weight };
             let weight = if shared { 0.0 } else { 1e-2 };
             let photos = levels
                 .iter()
-                .map(|level| PhotoObjective::<f64>::new(&samples, level, &density, metric, &view_space, prior(weight)));
+                .map(|level| PhotoObjective::<f64>::new(&samples, level, &density, metric, &spaces[0], prior(weight)));
             let pairs =
                 overlaps.iter().map(|overlap| PairObjective::new(overlap, overlap.photos.map(|photo| &levels[photo])));
             let mut objective = RigObjective {

@@ -15,6 +15,7 @@
 //!
 //! Photos that share a lens have H in the shape of an arrow, and a region of one photo moves the lens, and through it all.
 
+use crate::bounds::Limits;
 use crate::objective::chain;
 use crate::parameters::{POSE, Refine, ViewSpace};
 use crate::register::{EFFORTS, Registration};
@@ -93,7 +94,7 @@ impl Witness {
         expected: &Camera,
         prior: f64,
     ) -> Option<Self> {
-        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine };
+        let space = ViewSpace { rotation: RotationName::Lie.chart(), refine, limits: Limits::default() };
         let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.options.metric);
         let samples = Sampler::new(photo.model.mesh, &*photo.model.signal).sample(view, &photo.levels[0], &sampling)?;
         let background = photo.model.signal.bins() as u16;

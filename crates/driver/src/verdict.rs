@@ -17,6 +17,8 @@ pub(crate) struct Findings {
     pub(crate) covered: f64,
     /// The metric with the lens that the other photos share and with the photo's own, where the shared one is much worse.
     pub(crate) shared: Option<(f64, f64)>,
+    /// A number of the view that lies at an end of the bounds that the user set.
+    pub(crate) at_bound: Option<&'static str>,
 }
 
 /// A right view explains fine detail as well as coarse shapes. Of some 450 registrations of rendered scenes, the metric on the
@@ -58,6 +60,9 @@ pub(crate) fn verdict(findings: &Findings) -> (Status, Vec<String>) {
             "the lens of the other photos does not explain this one: {shared:.3} nats, {own:.3} with its own"
         ));
     }
+    if let Some(number) = findings.at_bound {
+        reasons.push(format!("the {number} lies at the end of its bounds: the photo asks for one beyond"));
+    }
     let status = if reasons.is_empty() { Status::Registered } else { Status::Uncertain };
     (status, reasons)
 }
@@ -73,6 +78,7 @@ mod tests {
         rival: 0.5,
         covered: 1e5,
         shared: None,
+        at_bound: None,
     };
 
     #[test]
@@ -83,6 +89,7 @@ mod tests {
             (Findings { rival: 0.99, ..GOOD }, "another view"),
             (Findings { covered: 900.0, ..GOOD }, "small"),
             (Findings { shared: Some((0.4, 0.6)), ..GOOD }, "lens of the other photos"),
+            (Findings { at_bound: Some("distance"), ..GOOD }, "distance lies at the end"),
         ];
         for (findings, word) in doubts {
             let (status, reasons) = verdict(&findings);

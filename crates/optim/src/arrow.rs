@@ -13,7 +13,7 @@
 //! Blocks that are coupled with each other are eliminated in an order that keeps C sparse.
 
 use crate::block_cholesky::{BlockCholesky, Blocks};
-use crate::curvature::{damp, floor};
+use crate::curvature::{damp, floor, isolate};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
@@ -105,31 +105,72 @@ impl Arrow {
         dense
     }
 
-    /// `sᵀHs`.
-    pub(crate) fn along(&self, step: &DVector<f64>) -> f64 {
+    /// `Hs`.
+    pub(crate) fn times(&self, step: &DVector<f64>) -> DVector<f64> {
         let offsets = self.offsets();
-        let shared = step.rows(offsets[self.arms.len()], self.shared.nrows());
+        let last = offsets[self.arms.len()];
         let part = |i: usize| step.rows(offsets[i], self.arms[i].own.nrows());
-        let arms = self.arms.iter().enumerate().map(|(i, arm)| {
-            let own = part(i);
-            (&arm.own * own + 2.0 * &arm.with_shared * shared).dot(&own)
-        });
-        let pairs = self.pairs.iter().map(|pair| 2.0 * (&pair.between * part(pair.second)).dot(&part(pair.first)));
-        arms.chain(pairs).sum::<f64>() + (&self.shared * shared).dot(&shared)
+        let common = step.rows(last, self.shared.nrows());
+        let mut product = DVector::zeros(step.len());
+        let mut add = |at: usize, part: DVector<f64>| {
+            let mut rows = product.rows_mut(at, part.len());
+            rows += part;
+        };
+        for (i, arm) in self.arms.iter().enumerate() {
+            add(offsets[i], &arm.own * part(i) + &arm.with_shared * common);
+            add(last, arm.with_shared.tr_mul(&part(i)));
+        }
+        for pair in &self.pairs {
+            add(offsets[pair.first], &pair.between * part(pair.second));
+            add(offsets[pair.second], pair.between.tr_mul(&part(pair.first)));
+        }
+        add(last, &self.shared * common);
+        product
     }
 
-    /// The solution of `(H + λ diag H) s = g`.
-    pub(crate) fn damped_step(&self, gradient: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
-        let factor = BlockCholesky::new(self.blocks(damping))?;
-        let diagonals = self.arms.iter().map(|arm| &arm.own).chain([&self.shared]);
-        let mut at = 0;
-        let mut parts: Vec<DMatrix<f64>> = diagonals
-            .map(|block| {
-                let part = gradient.rows(at, block.nrows());
-                at += block.nrows();
-                DMatrix::from_column_slice(block.nrows(), 1, part.into_owned().as_slice())
-            })
+    /// This matrix with its diagonal multiplied by 1 + damping, and a little added.
+    pub(crate) fn damped(&self, damping: f64) -> Self {
+        let mut damped = self.clone();
+        let diagonals = || self.arms.iter().map(|arm| &arm.own).chain([&self.shared]);
+        let largest = diagonals().filter(|block| !block.is_empty()).map(|block| block.diagonal().max());
+        let floor = floor(largest.fold(0.0, f64::max));
+        damped.arms.iter_mut().for_each(|arm| damp(&mut arm.own, damping, floor));
+        damp(&mut damped.shared, damping, floor);
+        damped
+    }
+
+    /// Makes row and column of a component those of the identity.
+    pub(crate) fn isolate(&mut self, component: usize) {
+        let offsets = self.offsets();
+        let block = offsets.iter().rposition(|&offset| offset <= component).unwrap_or(0);
+        let i = component - offsets[block];
+        if block == self.arms.len() {
+            isolate(&mut self.shared, i);
+            self.arms.iter_mut().for_each(|arm| arm.with_shared.column_mut(i).fill(0.0));
+            return;
+        }
+        isolate(&mut self.arms[block].own, i);
+        self.arms[block].with_shared.row_mut(i).fill(0.0);
+        for pair in &mut self.pairs {
+            if pair.first == block {
+                pair.between.row_mut(i).fill(0.0);
+            }
+            if pair.second == block {
+                pair.between.column_mut(i).fill(0.0);
+            }
+        }
+    }
+
+    /// The solution of `H s = g`; `None` where the matrix is not positive definite.
+    pub(crate) fn solve(self, gradient: &DVector<f64>) -> Option<DVector<f64>> {
+        let mut ends = self.offsets();
+        ends.push(gradient.len());
+        let part = |ends: &[usize]| gradient.rows(ends[0], ends[1] - ends[0]);
+        let mut parts: Vec<DMatrix<f64>> = ends
+            .windows(2)
+            .map(|ends| DMatrix::from_column_slice(ends[1] - ends[0], 1, part(ends).into_owned().as_slice()))
             .collect();
+        let factor = BlockCholesky::new(self.into_blocks())?;
         factor.solve(&mut parts);
         Some(DVector::from_iterator(gradient.len(), parts.iter().flat_map(|part| part.iter().copied())))
     }
@@ -137,7 +178,7 @@ impl Arrow {
     /// The blocks of the inverse on the diagonal and beside the shared part; `None` where the matrix is not positive
     /// definite.
     pub fn inverse(&self) -> Option<ArrowInverse> {
-        let mut inverse = BlockCholesky::new(self.blocks(0.0))?.inverse();
+        let mut inverse = BlockCholesky::new(self.damped(0.0).into_blocks())?.inverse();
         let last = self.arms.len();
         let cross = |(i, arm): (usize, &Arm)| {
             inverse.beside(i, last).unwrap_or_else(|| DMatrix::zeros(arm.own.nrows(), self.shared.nrows()))
@@ -147,27 +188,23 @@ impl Arrow {
         Some(ArrowInverse { shared, own: inverse.diagonal, with_shared })
     }
 
-    /// The matrix with its diagonal multiplied by 1 + damping, the shared part as the last block.
-    fn blocks(&self, damping: f64) -> Blocks {
-        let diagonals = || self.arms.iter().map(|arm| &arm.own).chain([&self.shared]);
-        let largest = diagonals().filter(|block| !block.is_empty()).map(|block| block.diagonal().max());
-        let floor = floor(largest.fold(0.0, f64::max));
-        let diagonal = diagonals().map(|block| {
-            let mut block = block.clone();
-            damp(&mut block, damping, floor);
-            block
-        });
-        let mut beside = vec![BTreeMap::new(); self.arms.len() + 1];
-        if self.shared.nrows() > 0 {
-            for (i, arm) in self.arms.iter().enumerate() {
-                beside[i].insert(self.arms.len(), arm.with_shared.clone());
-            }
-        }
+    /// The blocks, the shared part last.
+    fn into_blocks(self) -> Blocks {
+        let last = self.arms.len();
+        let mut beside = vec![BTreeMap::new(); last + 1];
         for pair in &self.pairs {
             let (i, j) = (pair.first.min(pair.second), pair.first.max(pair.second));
             let block = if i == pair.first { pair.between.clone() } else { pair.between.transpose() };
             beside[i].entry(j).and_modify(|sum: &mut DMatrix<f64>| *sum += &block).or_insert(block);
         }
-        Blocks { diagonal: diagonal.collect(), beside }
+        let mut diagonal = Vec::with_capacity(last + 1);
+        for (i, arm) in self.arms.into_iter().enumerate() {
+            diagonal.push(arm.own);
+            if !self.shared.is_empty() {
+                beside[i].insert(last, arm.with_shared);
+            }
+        }
+        diagonal.push(self.shared);
+        Blocks { diagonal, beside }
     }
 }

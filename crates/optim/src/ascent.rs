@@ -10,10 +10,10 @@
 //! the objective knows a curvature H at the start.
 
 use crate::line_search::{LineSearch, Probe};
+use crate::solver::Trials;
 use crate::{Curvature, Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
 use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
-use std::time::Instant;
 
 /// A gradient method with a line search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,11 +58,14 @@ struct Pair {
 }
 
 /// What a method has learned.
+#[derive(Default)]
 struct Memory {
     pairs: VecDeque<Pair>,
     inverse: Option<DMatrix<f64>>,
     /// The last gradient and direction.
     last: Option<(DVector<f64>, DVector<f64>)>,
+    /// The components that were held at an end of their bounds.
+    held: Vec<bool>,
 }
 
 impl Direction {
@@ -143,33 +146,38 @@ impl<Point: Clone> Solver<Point> for Ascent {
         start: Point,
         observer: &mut dyn FnMut(&Iteration),
     ) -> Option<Report<Point>> {
-        let began = Instant::now();
+        let mut trials = Trials::new(manifold, objective, observer);
         let mut point = start;
-        let start = objective.value(&point)?;
+        let start = trials.objective.value(&point)?;
         let mut value = start;
-        let Derivatives { mut gradient, curvature } = objective.derivatives(&point);
+        let Derivatives { mut gradient, curvature } = trials.objective.derivatives(&point);
         let known = curvature != Curvature::Unknown;
         let units = units(&curvature, manifold.dimension());
-        let mut memory = Memory { pairs: VecDeque::new(), inverse: None, last: None };
-        let mut iterations: Vec<Iteration> = Vec::new();
+        let mut memory = Memory::default();
         // How far steepest directions went, and how steep it was: the next first trial promises as much.
         let mut before: Option<(f64, f64)> = None;
         let stop = loop {
-            if iterations.len() >= self.iterations {
+            if trials.taken.len() >= self.iterations {
                 break Stop::Exhausted;
             }
             let region = manifold.region(&point);
-            let scaled = gradient.component_mul(&units);
+            // Components that are held at an end take no part, and what was learned with others held does not hold.
+            let free = region.tangent(&gradient);
+            let held: Vec<bool> = free.iter().zip(gradient.iter()).map(|(free, all)| free != all).collect();
+            if memory.held != held {
+                memory = Memory { held: held.clone(), ..Memory::default() };
+            }
+            let scaled = free.component_mul(&units);
             let mut direction = self.direction.choose(&mut memory, &scaled);
             let fresh = memory.last.is_none();
             let mut along = region.tangent(&direction.component_mul(&units));
-            let mut slope = gradient.dot(&along);
+            let mut slope = free.dot(&along);
             let rises = |slope: f64| slope > 0.0 && slope.is_finite();
             if !fresh && !rises(slope) {
-                memory = Memory { pairs: VecDeque::new(), inverse: None, last: None };
+                memory = Memory { held: held.clone(), ..Memory::default() };
                 direction = scaled.clone();
                 along = region.tangent(&direction.component_mul(&units));
-                slope = gradient.dot(&along);
+                slope = free.dot(&along);
             }
             if !rises(slope) {
                 break Stop::Converged;
@@ -185,54 +193,48 @@ impl<Point: Clone> Solver<Point> for Ascent {
             if promise < self.gain_tolerance && (known || is_quasi_newton) {
                 break Stop::Converged;
             }
-            let mut trials: Vec<(Probe, Point, Option<DVector<f64>>)> = Vec::new();
-            let room = self.iterations;
+            let mut probes: Vec<(Probe, Point, Option<DVector<f64>>)> = Vec::new();
             let mut evaluate = |step: f64, sloped: bool| {
-                if iterations.len() >= room {
+                if trials.taken.len() >= self.iterations {
                     return None;
                 }
-                let trial = manifold.retract(&point, &(&along * step));
-                let trial = trial.and_then(|trial| Some((objective.value(&trial)?, trial)));
-                let iteration = Iteration {
-                    value: trial.as_ref().map(|(value, _)| *value),
-                    step: step * along.norm(),
-                    damping: 0.0,
-                    accepted: trial.as_ref().is_some_and(|(trial_value, _)| *trial_value > value),
-                    seconds: began.elapsed().as_secs_f64(),
-                };
-                observer(&iteration);
-                iterations.push(iteration);
-                let (trial_value, trial) = trial?;
-                let gradient = sloped.then(|| objective.derivatives(&trial).gradient);
-                let slope = gradient.as_ref().map_or(0.0, |gradient| gradient.dot(&along));
+                // The way bends where a component comes to its end.
+                let straight = &along * step;
+                let bent = region.held(straight.clone());
+                let (trial_value, trial) = trials.take(&point, &bent, 0.0, value)?;
+                let gradient = sloped.then(|| trials.objective.derivatives(&trial).gradient);
+                let moving = |i: usize| if bent[i] == straight[i] { along[i] } else { 0.0 };
+                let slope = gradient.as_ref().map_or(0.0, |g| (0..g.len()).map(|i| g[i] * moving(i)).sum());
                 let probe = Probe { step, value: trial_value, slope };
-                trials.push((probe, trial, gradient));
+                probes.push((probe, trial, gradient));
                 Some(probe)
             };
             let from = Probe { step: 0.0, value, slope };
-            let longest = region.longest(&along);
+            let longest = region.longest_in_balls(&along);
             let found = self.search.search(from, first, longest, &mut evaluate);
-            let found = found.and_then(|found| trials.into_iter().rev().find(|(probe, ..)| probe.step == found.step));
+            let found = found.and_then(|found| probes.into_iter().rev().find(|(probe, ..)| probe.step == found.step));
             let Some((probe, trial, gradient_there)) = found else {
                 if fresh {
-                    break if iterations.len() >= self.iterations { Stop::Exhausted } else { Stop::Stalled };
+                    break if trials.taken.len() >= self.iterations { Stop::Exhausted } else { Stop::Stalled };
                 }
-                memory = Memory { pairs: VecDeque::new(), inverse: None, last: None };
+                memory = Memory { held, ..Memory::default() };
                 before = None;
                 continue;
             };
             let gain = probe.value - value;
             before = Some((probe.step, slope));
             (point, value) = (trial, probe.value);
-            let next = gradient_there.unwrap_or_else(|| objective.derivatives(&point).gradient);
-            let step = along.component_div(&units) * probe.step;
-            let pair = Pair { step, fall: (&gradient - &next).component_mul(&units) };
+            let next = gradient_there.unwrap_or_else(|| trials.objective.derivatives(&point).gradient);
+            let step = region.held(along * probe.step).component_div(&units);
+            // What is held makes no step, and how steep it is there says nothing of the others.
+            let fall = DVector::from_fn(next.len(), |i, _| if held[i] { 0.0 } else { gradient[i] - next[i] });
+            let pair = Pair { step, fall: fall.component_mul(&units) };
             self.direction.learn(&mut memory, pair, scaled, direction);
             gradient = next;
             if gain < self.gain_tolerance {
                 break Stop::Converged;
             }
         };
-        Some(Report { point, start, value, stop, iterations })
+        Some(trials.report(start, (value, point), stop))
     }
 }

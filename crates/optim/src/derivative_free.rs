@@ -6,9 +6,9 @@
 //! Both work in one chart, around the start, in units of the curvature's diagonal there (1 where it is not known).
 
 use crate::ascent::units;
+use crate::solver::Trials;
 use crate::{Iteration, Manifold, Objective, Region, Report, Solver, Stop};
 use nalgebra::DVector;
-use std::time::Instant;
 
 /// Powell's BOBYQA.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,18 +44,14 @@ impl Default for NelderMead {
     }
 }
 
-/// Evaluates steps from the start, and keeps the best.
+/// Evaluates steps from the start, and keeps the best. Steps beyond the region count as the nearest inside.
 struct Chart<'a, Point> {
-    manifold: &'a dyn Manifold<Point>,
-    objective: &'a mut dyn Objective<Point>,
-    observer: &'a mut dyn FnMut(&Iteration),
+    trials: Trials<'a, Point>,
     origin: Point,
     region: Region,
     units: DVector<f64>,
-    began: Instant,
-    best: (Point, f64),
     start: f64,
-    iterations: Vec<Iteration>,
+    best: (f64, Point),
 }
 
 impl<'a, Point: Clone> Chart<'a, Point> {
@@ -65,42 +61,25 @@ impl<'a, Point: Clone> Chart<'a, Point> {
         origin: Point,
         observer: &'a mut dyn FnMut(&Iteration),
     ) -> Option<Self> {
-        let start = objective.value(&origin)?;
-        let units = units(&objective.derivatives(&origin).curvature, manifold.dimension());
-        let region = manifold.region(&origin);
-        let (best, began) = ((origin.clone(), start), Instant::now());
-        Some(Self { manifold, objective, observer, origin, region, units, began, best, start, iterations: Vec::new() })
+        let trials = Trials::new(manifold, objective, observer);
+        let start = trials.objective.value(&origin)?;
+        let units = units(&trials.objective.derivatives(&origin).curvature, manifold.dimension());
+        Some(Self { region: manifold.region(&origin), best: (start, origin.clone()), trials, origin, units, start })
     }
 
     /// The value a step away, in units; minus infinity where it is not defined.
     fn value(&mut self, step: &[f64]) -> f64 {
-        let step = DVector::from_column_slice(step).component_mul(&self.units);
-        let inside = self.region.contains(&step).then(|| self.manifold.retract(&self.origin, &step)).flatten();
-        let trial = inside.and_then(|trial| Some((self.objective.value(&trial)?, trial)));
-        let accepted = trial.as_ref().is_some_and(|(value, _)| *value > self.best.1);
-        let iteration = Iteration {
-            value: trial.as_ref().map(|(value, _)| *value),
-            step: step.norm(),
-            damping: 0.0,
-            accepted,
-            seconds: self.began.elapsed().as_secs_f64(),
-        };
-        (self.observer)(&iteration);
-        self.iterations.push(iteration);
-        match trial {
-            Some((value, trial)) => {
-                if accepted {
-                    self.best = (trial, value);
-                }
-                value
-            }
-            None => f64::NEG_INFINITY,
+        let step = self.region.held(DVector::from_column_slice(step).component_mul(&self.units));
+        let Some(trial) = self.trials.take(&self.origin, &step, 0.0, self.best.0) else { return f64::NEG_INFINITY };
+        let value = trial.0;
+        if value > self.best.0 {
+            self.best = trial;
         }
+        value
     }
 
     fn report(self, stop: Stop) -> Report<Point> {
-        let (point, value) = self.best;
-        Report { point, start: self.start, value, stop, iterations: self.iterations }
+        self.trials.report(self.start, self.best, stop)
     }
 }
 
@@ -118,11 +97,14 @@ impl<Point: Clone> Solver<Point> for Bobyqa {
         let n = manifold.dimension();
         let mut chart = Chart::new(manifold, objective, start, observer)?;
         let (low, high) = chart.region.boxed(n);
+        // The first radius must fit into the box twice: where it is narrow, units are smaller.
+        for (unit, width) in chart.units.iter_mut().zip((&high - &low).iter()) {
+            *unit = unit.min(0.45 * width / self.radius);
+        }
         let (low, high) = (low.component_div(&chart.units), high.component_div(&chart.units));
-        let narrow = low.iter().zip(high.iter()).map(|(a, b)| b - a).fold(f64::INFINITY, f64::min);
         let mut config = bobyqa::Config::new(n);
-        config.rho_begin = self.radius.min(0.45 * narrow).max(f64::MIN_POSITIVE);
-        config.rho_end = self.tolerance.min(config.rho_begin);
+        config.rho_begin = self.radius;
+        config.rho_end = self.tolerance.min(self.radius);
         config.max_fun = self.iterations.max(config.npt + 1);
         let mut solver = bobyqa::Bobyqa::new(n, config).ok()?;
         let mut at = vec![0.0; n];
@@ -159,7 +141,7 @@ impl<Point: Clone> Solver<Point> for NelderMead {
             if simplex[0].1 - simplex[n].1 < self.gain_tolerance {
                 break Stop::Converged;
             }
-            if chart.iterations.len() >= self.iterations {
+            if chart.trials.taken.len() >= self.iterations {
                 break Stop::Exhausted;
             }
             let middle = simplex[..n].iter().fold(DVector::zeros(n), |sum, (corner, _)| sum + corner) / n as f64;

@@ -5,9 +5,9 @@
 //! units of the parameters. It is the best such step within the manifold's region. A step is taken if the objective grows; `λ` follows the ratio of the growth to what the
 //! quadratic model promised.
 
+use crate::solver::Trials;
 use crate::{Curvature, Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
 use nalgebra::DVector;
-use std::time::Instant;
 
 /// The Levenberg–Marquardt method for an objective with a positive semidefinite curvature.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,20 +38,19 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
         start: Point,
         observer: &mut dyn FnMut(&Iteration),
     ) -> Option<Report<Point>> {
-        let began = Instant::now();
+        let mut trials = Trials::new(manifold, objective, observer);
         let mut point = start;
-        let start = objective.value(&point)?;
+        let start = trials.objective.value(&point)?;
         let mut value = start;
-        let mut derivatives = objective.derivatives(&point);
+        let mut derivatives = trials.objective.derivatives(&point);
         if derivatives.curvature == Curvature::Unknown {
             return None;
         }
         let mut damping = self.damping;
         let mut growth = 2.0;
-        let mut iterations = Vec::new();
         let mut region = manifold.region(&point);
         let stop = loop {
-            if iterations.len() == self.iterations {
+            if trials.taken.len() == self.iterations {
                 break Stop::Exhausted;
             }
             if damping > MAX_DAMPING {
@@ -66,33 +65,21 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
             if promise < self.gain_tolerance {
                 break Stop::Converged;
             }
-            let trial = manifold.retract(&point, &step);
-            let trial = trial.and_then(|trial| Some((objective.value(&trial)?, trial)));
-            let trial_value = trial.as_ref().map(|(value, _)| *value);
-            let better = trial.filter(|(trial_value, _)| *trial_value > value);
-            let iteration = Iteration {
-                value: trial_value,
-                step: step.norm(),
-                damping,
-                accepted: better.is_some(),
-                seconds: began.elapsed().as_secs_f64(),
-            };
-            observer(&iteration);
-            iterations.push(iteration);
+            let better = trials.take(&point, &step, damping, value).filter(|(trial_value, _)| *trial_value > value);
             if let Some((trial_value, trial)) = better {
                 let ratio = (trial_value - value) / promise;
                 damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0);
                 damping = damping.max(MIN_DAMPING);
                 growth = 2.0;
                 (point, value) = (trial, trial_value);
-                derivatives = objective.derivatives(&point);
+                derivatives = trials.objective.derivatives(&point);
                 region = manifold.region(&point);
             } else {
                 damping *= growth;
                 growth *= 2.0;
             }
         };
-        Some(Report { point, start, value, stop, iterations })
+        Some(trials.report(start, (value, point), stop))
     }
 }
 

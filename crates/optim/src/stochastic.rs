@@ -7,8 +7,8 @@
 //! Newton step of each component.
 
 use crate::ascent::units;
+use crate::solver::Trials;
 use crate::{Iteration, Manifold, Objective, Report, Solver, Stop};
-use std::time::Instant;
 
 /// The stochastic gradient method.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,38 +38,27 @@ impl<Point: Clone> Solver<Point> for StochasticGradient {
         start: Point,
         observer: &mut dyn FnMut(&Iteration),
     ) -> Option<Report<Point>> {
-        let began = Instant::now();
-        objective.redraw(0);
+        let mut trials = Trials::new(manifold, objective, observer);
+        trials.objective.redraw(0);
         let mut point = start.clone();
-        let start_value = objective.value(&point)?;
-        let units = units(&objective.derivatives(&point).curvature, manifold.dimension());
+        let start_value = trials.objective.value(&point)?;
+        let units = units(&trials.objective.derivatives(&point).curvature, manifold.dimension());
         let squares = units.component_mul(&units);
-        let mut iterations = Vec::with_capacity(self.iterations);
         for k in 0..self.iterations {
-            objective.redraw(k + 1);
+            trials.objective.redraw(k + 1);
             let gain = self.gain / (1.0 + k as f64 / self.delay).powf(self.decay);
-            let value = objective.value(&point);
-            let mut step = objective.derivatives(&point).gradient.component_mul(&squares) * gain;
-            let region = manifold.region(&point);
-            step = region.tangent(&step);
-            step *= region.longest(&step).min(1.0);
+            let value = trials.objective.value(&point);
+            let step = trials.objective.derivatives(&point).gradient.component_mul(&squares) * gain;
+            let step = manifold.region(&point).held(step);
             let next = value.and_then(|_| manifold.retract(&point, &step));
             // A batch may lead astray where the objective is not defined: such a step is left out.
-            let next = next.filter(|next| objective.value(next).is_some());
-            let iteration = Iteration {
-                value,
-                step: step.norm(),
-                damping: 0.0,
-                accepted: next.is_some(),
-                seconds: began.elapsed().as_secs_f64(),
-            };
-            observer(&iteration);
-            iterations.push(iteration);
+            let next = next.filter(|next| trials.objective.value(next).is_some());
+            trials.keep(value, &step, 0.0, next.is_some());
             point = next.unwrap_or(point);
         }
-        objective.redraw(0);
-        let end = objective.value(&point).filter(|value| *value > start_value);
-        let (point, value) = end.map_or((start, start_value), |value| (point, value));
-        Some(Report { point, start: start_value, value, stop: Stop::Exhausted, iterations })
+        trials.objective.redraw(0);
+        let end = trials.objective.value(&point).filter(|value| *value > start_value);
+        let end = end.map_or((start_value, start), |value| (value, point));
+        Some(trials.report(start_value, end, Stop::Exhausted))
     }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use texreg_camera::View;
-use texreg_driver::{Error, Model, Options, Refine, Registration, Stage};
+use texreg_driver::{Error, FocalSource, Model, Options, Refine, Registration, Stage};
 
 use crate::entry::Optics;
 use crate::studio::Studio;
@@ -115,7 +115,8 @@ fn register(studio: &Studio, model: &Model<'_>, number: usize) -> Result<(), Str
     };
     let desk = &studio.desk;
     let refine = Refine { focal: unknown, ..Refine::default() };
-    let options = Options { refine, ..Options::default() };
+    let focal_from = if unknown { FocalSource::Guessed } else { FocalSource::Stated };
+    let options = Options { refine, focal_from, ..Options::default() };
     let outcome = Registration::new(model, &photo, &options).run(&start, &mut |event| {
         if let Some(running) = &mut desk.papers().running {
             (running.done, running.of, running.view) = (event.done, event.of, Some(event.view));

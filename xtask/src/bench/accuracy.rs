@@ -18,7 +18,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use texreg::camera::View;
-use texreg::driver::{Model, Options, Outcome, Photo, Refine, Registration, Status, TruePhoto, read_truth, score};
+use texreg::driver::{
+    FocalSource, Model, Options, Outcome, Photo, Refine, Registration, Status, TruePhoto, read_truth, score,
+};
 use texreg::formats::{read_cameras, read_pairs};
 use texreg::lie::Pose;
 use texreg::surface::Mesh;
@@ -133,8 +135,9 @@ fn run_case(folder: &Path, arguments: &Arguments) -> Result<Vec<Run>> {
     let mut runs = Vec::new();
     let model = Model::new(&mesh, &arguments.signal)?;
     let options = Options { metric: arguments.metric, channel: arguments.channel, ..Options::default() };
-    let focal = Options { refine: Refine { focal: true, ..Refine::default() }, ..options };
-    let all = Options { refine: Refine { focal: true, principal: true, distortion: true }, ..options };
+    let rough = Options { focal_from: FocalSource::Guessed, ..options };
+    let focal = Options { refine: Refine { focal: true, ..Refine::default() }, ..rough };
+    let all = Options { refine: Refine { focal: true, principal: true, distortion: true }, ..rough };
     for true_photo in &truth.photos {
         let photo = Photo::load(folder.join(&true_photo.file))?;
         let fixed = Registration::new(&model, &photo, &options);

@@ -13,7 +13,8 @@ use std::path::Path;
 use std::time::Instant;
 use texreg::camera::View;
 use texreg::driver::{
-    Model, Options, Outcome, Photo, Refine, Registration, Score, TruePhoto, read_truth, register_jointly, score,
+    FocalSource, Model, Options, Outcome, Photo, Refine, Registration, Score, TruePhoto, read_truth, register_jointly,
+    score,
 };
 use texreg::formats::read_cameras;
 use texreg::lie::Pose;
@@ -25,7 +26,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
         rows.extend(accuracy(folder).with_context(|| folder.display().to_string())?);
     }
     let smallest = folders.first().context("no case")?;
-    rows.extend(growth(smallest, if arguments.quick { &[4, 8, 16] } else { &[12, 25, 50, 100] })?);
+    rows.extend(growth(smallest, if arguments.quick { &[4, 8, 16] } else { &[10, 30, 100] })?);
     Ok(Report::new("joint", rows))
 }
 
@@ -40,7 +41,7 @@ fn accuracy(folder: &Path) -> Result<Vec<Row>> {
     let mesh = texreg::surface::load(folder.join("model.ply"))?;
     let model = Model::new(&mesh, &[])?;
     let refine = Refine { focal: true, distortion: true, ..Refine::default() };
-    let options = Options { refine, share_intrinsics: true, ..Options::default() };
+    let options = Options { refine, focal_from: FocalSource::Guessed, share_intrinsics: true, ..Options::default() };
     let photos = truth.photos.iter().map(|photo| Photo::load(folder.join(&photo.file)));
     let photos: Vec<Photo> = photos.collect::<Result<_, _>>()?;
     let starts = photos.iter().map(|photo| {

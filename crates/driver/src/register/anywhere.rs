@@ -7,7 +7,7 @@ use crate::overview::{Overview, Workspace};
 use crate::samples::Sampler;
 use crate::search::{Region, Search};
 use crate::survey::survey;
-use crate::{Error, Options, Photo};
+use crate::{Error, Options, Photo, Refine};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
@@ -55,6 +55,8 @@ impl Registration<'_> {
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let began = Instant::now();
         let (views, renderings, evidence) = self.anywhere(camera);
+        let limits = self.limits(self.options.refine, camera);
+        let views: Vec<View> = views.iter().map(|view| limits.held(view)).collect();
         let start = *views.first().ok_or(Error::NothingVisible)?;
         course.tell(stage(self.search_name(), began, 0, renderings, evidence), &start)?;
         let at_start = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?.value;
@@ -66,7 +68,7 @@ impl Registration<'_> {
             evidence: |registration, view| registration.peak(view),
         };
         let finish = self.race(&mut sampler, &field, &mut course)?;
-        let findings = self.findings(&finish, &start, at_start);
+        let findings = self.findings(&finish, self.options.refine, &start, at_start);
         Ok(self.assured(self.outcome(&finish, &start, &findings, course.stages), camera))
     }
 
@@ -80,6 +82,7 @@ impl Registration<'_> {
         let mut looked = found.len();
         let before = found.first().map_or(0.0, |(score, _)| *score);
         let search = Search { seed: self.options.seed, ..AROUND };
+        let limits = self.limits(Refine::default(), camera);
         let score = Self::in_frame(self.model);
         let pixel = f64::from(self.photo.width.max(self.photo.height)) / f64::from(TINY);
         let rounds: [(f64, usize, &Overview, &Mesh, &dyn Signal); 2] = [
@@ -93,7 +96,9 @@ impl Registration<'_> {
                 let seen = mesh.positions.iter().map(|p| Point3::from(p.map(f64::from)));
                 let seen: Vec<Point3<f64>> = seen.filter(|p| self.model.shows(view, p)).collect();
                 let region = Region::around(&seen)?;
-                let score = |workspace: &mut Workspace, view: &View| score(overview, mesh, signal, workspace, view);
+                let score = |workspace: &mut Workspace, view: &View| {
+                    score(overview, mesh, signal, workspace, &limits.held(view))
+                };
                 search.around(view, &region, score).into_iter().next()
             };
             looked += views.len() * search.rounds * search.views;
