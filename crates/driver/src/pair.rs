@@ -33,7 +33,7 @@ const NEIGHBOURS: usize = 4;
 const LEAST: f64 = 0.15;
 
 /// About how many points make a pair, and how many say whether it is worth it.
-const POINTS: usize = 10_000;
+const POINTS: usize = 5_000;
 const PROBES: usize = 200;
 
 /// Samples summed by one task: fixed, so that sums do not depend on the number of threads.
