@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
     Bounds, Event, FocalSource, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status,
-    motion, overlay, register, register_jointly, search,
+    Uncertainty, motion, overlay, register, register_jointly, search,
 };
 use texreg::formats::{CameraEntry, CameraFile, write_cameras};
 use texreg::surface::Mesh;
@@ -247,6 +247,14 @@ pub(crate) fn command() -> String {
     ["texreg".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
 }
 
+/// How sure a view is; with it how sure its focal length, and how much that goes with the distance.
+fn sureness(found: &Uncertainty) -> String {
+    let focal = found.focal.map_or_else(String::new, |focal| {
+        format!(", f ±{:.2} % ({:+.2} with distance)", focal.percent, focal.with_distance)
+    });
+    format!("±{:.2} px{focal}", found.pixels)
+}
+
 fn summary(photos: &[Registered], output: &Output) -> String {
     let header = ["photo", "verdict", "similarity", "rotated", "moved", "sure to", "evaluations", "ms", ""];
     let mut rows = vec![header.map(str::to_owned).to_vec()];
@@ -259,7 +267,7 @@ fn summary(photos: &[Registered], output: &Output) -> String {
             format!("{start:.4} → {end:.4}"),
             format!("{:.3}°", photo.motion.rotation_deg),
             format!("{:.3} %", photo.motion.distance_pct),
-            photo.outcome.uncertainty.as_ref().map_or_else(String::new, |found| format!("±{:.2} px", found.pixels)),
+            photo.outcome.uncertainty.as_ref().map_or_else(String::new, sureness),
             photo.outcome.evaluations().to_string(),
             format!("{milliseconds:.0}"),
             photo.outcome.reasons.join("; "),

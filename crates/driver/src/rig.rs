@@ -154,12 +154,12 @@ impl<'a> Sum<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bounds::Limits;
+    use crate::bounds::{Bounds, Limits};
     use crate::objective::tests::scene;
     use crate::options::MetricName;
     use crate::pair::Overlap;
     use crate::pyramid::Level;
-    use crate::{FocalSource, RotationName, samples::SurfaceSamples};
+    use crate::{FocalSource, RotationName, SolverName, samples::SurfaceSamples};
     use nalgebra::Vector3;
     use texreg_lie::{Pose, so3};
     use texreg_mi::Parzen;
@@ -246,6 +246,43 @@ mod tests {
                     "{rotation}, {shared}, {k}: {gradient} against {slope}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn all_solvers_keep_a_shared_camera_and_each_distance_within_their_bounds() {
+        let (views, levels, samples) = photos();
+        let density = Parzen { model_bins: 7, photo_bins: 16 };
+        let refine = Refine { focal: true, principal: true, distortion: false };
+        let bounds = Bounds { focal: Some([149.95, 150.02]), principal: Some(0.05), distance: Some([2.3999, 2.4002]) };
+        let limits = Limits::new(&bounds, refine, &views[0].camera, Vector3::new(0.01, -0.02, 0.0));
+        let views: Vec<View> = views.iter().map(|view| limits.held(view)).collect();
+        let spaces = [0; 3].map(|_| ViewSpace { rotation: RotationName::Lie.chart(), refine, limits });
+        let space = RigSpace { views: &spaces, shared: true };
+        let prior = Prior { camera: views[0].camera, focal_from: FocalSource::Stated, weight: 0.0 };
+        let overlap = Overlap { photos: [0, 1], points: samples.points.clone(), weight: 0.7 };
+        for &solver in SolverName::ALL {
+            let photos = levels.iter().map(|level| {
+                PhotoObjective::<f32>::new(&samples, level, &density, MetricName::MutualInformation, &spaces[0], prior)
+            });
+            let pair = PairObjective::new(&overlap, [&levels[0], &levels[1]]);
+            let mut objective =
+                RigObjective { space: &space, photos: photos.collect(), pairs: vec![pair], prior: Some(prior) };
+            let report = solver
+                .solver::<Vec<View>>(3, 4, 1e-9)
+                .maximize(&space, &mut objective, views.clone(), &mut |_| ())
+                .unwrap();
+            assert!(report.value > report.start, "{solver}");
+            for view in &report.point {
+                assert_eq!(view.camera, report.point[0].camera, "{solver}");
+                let k = &view.camera.intrinsics;
+                let off = [k.fx - 150.0 - 0.02, 149.95 - k.fx, (k.cx - 81.0).abs() - 0.05, (k.cy - 58.5).abs() - 0.05];
+                assert!(off.iter().all(|off| *off < 1e-9), "{solver}: {k:?}");
+                let [least, most] = limits.distance_step(view);
+                assert!(least < 1e-9 && most > -1e-9, "{solver}");
+            }
+            let ends = report.point.iter().filter(|view| limits.reached(view).is_some()).count();
+            assert!(ends > 0 || solver == SolverName::StochasticGradient, "{solver}: the bounds are narrow");
         }
     }
 }
