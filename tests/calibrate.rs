@@ -104,6 +104,36 @@ fn photos(case: &Path) -> String {
     photos.join(" ")
 }
 
+/// A name that ends in .yml makes a calibration of OpenCV's, which serves as --camera.
+#[test]
+fn a_calibration_is_written_for_opencv() {
+    let folder = boards();
+    for name in ["cam.yml", "camera.json"] {
+        let images = "board_0.png board_1.png board_2.png board_3.png board_4.png";
+        let run = run_in(folder.path(), &format!("calibrate {images} --board 7x5 --square 20 -o {name}"));
+        assert_eq!((run.status, run.stderr.as_str()), (0, ""), "{run:?}");
+    }
+    let text = fs::read_to_string(folder.path().join("cam.yml")).unwrap();
+    assert!(text.starts_with("%YAML:1.0\n---\nimage_width: 480\nimage_height: 360\ncamera_matrix: !!opencv-matrix\n"));
+    let numbers = |name: &str| -> Vec<f64> {
+        let data = text.split_once(name).unwrap().1.split(['[', ']']).nth(1).unwrap();
+        data.split(',').map(|number| number.trim().parse().unwrap()).collect()
+    };
+    let camera = camera(&read(&folder.path().join("camera.json")));
+    let k = numbers("camera_matrix");
+    assert_eq!([k[0], k[4], k[2], k[5], k[1]], camera.intrinsics.to_array());
+    assert_eq!(numbers("distortion_coefficients"), camera.distortion.to_array());
+    let yaml = fs::read(folder.path().join("cam.yml")).unwrap();
+    fs::write(folder.path().join("bad.yml"), String::from_utf8(yaml).unwrap().replace("cols: 3", "cols: [3")).unwrap();
+    for (name, words) in [("bad.yml", "is not YAML"), ("gone.yml", "cannot be read")] {
+        let command = format!("pose @model.ply @photo_00.jpg --pairs @correspondences.json --camera {name}");
+        let words = [name, words];
+        let args: Vec<_> = command.split(' ').map(|word| word.strip_prefix('@').map_or(word.into(), fixture)).collect();
+        let run = run(folder.path(), &args);
+        assert!(run.status == 1 && words.iter().all(|word| run.stderr.contains(word)), "{run:?}");
+    }
+}
+
 #[test]
 fn a_drawn_board_gives_its_camera_a_report_and_pictures() {
     let folder = boards();

@@ -88,6 +88,99 @@ fn found_cameras_are_written_for_other_programs() {
     }
 }
 
+/// `register` does the same with what it found.
+#[test]
+fn registered_cameras_are_written_for_other_programs() {
+    let folder = tempfile::tempdir().unwrap();
+    let [model, photo, initial, truth] = ["model.ply", "photo_00.jpg", "initial.json", "truth.json"].map(fixture);
+    let mut args: Vec<&std::ffi::OsStr> = vec!["register".as_ref(), model.as_os_str(), photo.as_os_str()];
+    args.extend(["--init".as_ref(), initial.as_os_str(), "--camera".as_ref(), truth.as_os_str()]);
+    args.extend(["--format", "meshlab,colmap", "-o", "out"].map(AsRef::<std::ffi::OsStr>::as_ref));
+    let done = run(folder.path(), &args);
+    assert_eq!((done.status, done.stderr.as_str()), (0, ""), "{}", done.stdout);
+    for name in ["out/meshlab/project.mlp", "out/colmap"] {
+        let back = run(folder.path(), &["convert", name, "-o", "back.json"]);
+        assert_eq!(back.status, 0, "{name}: {}", back.stderr);
+        let truth = truth.to_str().unwrap();
+        let scores = ["back.json", "out/cameras.json"].map(|cameras| {
+            let score = run(folder.path(), &["evaluate", cameras, "--truth", truth, "--json"]);
+            let score: Value = serde_json::from_str(&score.stdout).unwrap();
+            score["photos"][0]["mean_px"].as_f64().unwrap()
+        });
+        assert!(scores[1] < 1.0 && (scores[0] - scores[1]).abs() < 1e-6, "{name}: {scores:?}");
+    }
+    let project = fs::read_to_string(folder.path().join("out/meshlab/project.mlp")).unwrap();
+    assert!(project.contains("photo_00.jpg") && project.contains("model.ply"), "{project}");
+}
+
+/// Broken files of every format: one line that names the file, the line or byte and the field, and nothing is written.
+#[test]
+fn broken_files_are_told_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = fixture("truth.json");
+    let truth = truth.to_str().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for name in ["p.mlp", "b.out", "m.xml", "transforms.json", "cameras.json"] {
+        assert_eq!(run(folder.path(), &["convert", truth, "-o", name]).status, 0, "{name}");
+    }
+    for name in ["colmap", "colmap-binary"] {
+        assert_eq!(run(folder.path(), &["convert", truth, "-o", name, "--to", name]).status, 0, "{name}");
+    }
+    let refused = |input: &str, file: &str, change: &dyn Fn(&mut Vec<u8>), words: &[&str]| {
+        let whole = fs::read(at(file)).unwrap();
+        let mut bytes = whole.clone();
+        change(&mut bytes);
+        assert_ne!(bytes, whole, "{file}: {words:?}");
+        fs::write(at(file), bytes).unwrap();
+        let done = run(folder.path(), &["convert", input, "-o", "out.json"]);
+        fs::write(at(file), whole).unwrap();
+        assert_eq!((done.status, done.stderr.lines().count()), (1, 1), "{file}: {done:?}");
+        let file = Path::new(file).file_name().unwrap().to_str().unwrap();
+        for word in [file].iter().chain(words) {
+            assert!(done.stderr.contains(word), "no '{word}' in: {}", done.stderr);
+        }
+        assert!(!at("out.json").exists());
+    };
+    let text = |from: &'static str, to: &'static str| {
+        move |bytes: &mut Vec<u8>| {
+            let text = String::from_utf8(std::mem::take(bytes)).unwrap();
+            *bytes = text.replacen(from, to, 1).into_bytes();
+        }
+    };
+    let row = |line: usize, new: &'static str| {
+        move |bytes: &mut Vec<u8>| {
+            let text = String::from_utf8(std::mem::take(bytes)).unwrap();
+            let rows: Vec<&str> =
+                text.lines().enumerate().map(|(i, old)| if i + 1 == line { new } else { old }).collect();
+            *bytes = rows.join("\n").into_bytes();
+        }
+    };
+    refused("p.mlp", "p.mlp", &text("<RasterGroup>", "<RasterGroup"), &["line", "not well-formed XML"]);
+    refused("p.mlp", "p.mlp", &text("RotationMatrix=\"", "RotationMatrix=\"0 0 0 "), &["line 7", "RotationMatrix"]);
+    refused("m.xml", "m.xml", &text("</sensors>", ""), &["line", "not well-formed XML"]);
+    refused("m.xml", "m.xml", &text("type=\"frame\"", "type=\"spherical\""), &["line 5", "field type", "spherical"]);
+    let mirrored = row(24, "<transform>1 0 0 0 0 1 0 0 0 0 -1 0 0 0 0 1</transform>");
+    refused("m.xml", "m.xml", &mirrored, &["line 24", "photo_00.jpg", "field transform", "mirrors"]);
+    refused("b.out", "b.out", &row(3, "100 0 zero"), &["line 3", "photo_00.jpg", "f k1 k2"]);
+    refused("b.out", "b.out", &row(4, "0 0 0"), &["line 6", "photo_00.jpg", "field R", "not a rotation"]);
+    let zero = "1 0 0 0 0 1 2 3 1 photo_00.jpg";
+    refused("colmap", "colmap/images.txt", &row(4, zero), &["line 4", "photo_00.jpg", "QW QX QY QZ", "norm zero"]);
+    refused("colmap", "colmap/cameras.txt", &text("PINHOLE", "FOV"), &["line 3", "field MODEL", "not supported"]);
+    let zero = |bytes: &mut Vec<u8>| bytes[12..44].fill(0);
+    refused("colmap-binary", "colmap-binary/images.bin", &zero, &["byte 8", "photo_00.jpg", "norm zero"]);
+    let fisheye = |bytes: &mut Vec<u8>| bytes[12] = 5;
+    refused("colmap-binary", "colmap-binary/cameras.bin", &fisheye, &["byte", "camera 1", "MODEL", "not supported"]);
+    let cut = |bytes: &mut Vec<u8>| bytes.truncate(30);
+    refused("colmap-binary", "colmap-binary/images.bin", &cut, &["byte 28", "too early"]);
+    let kind = text("\"OPENCV\"", "\"EQUIRECTANGULAR\"");
+    refused("transforms.json", "transforms.json", &kind, &["line 2", "camera_model", "EQUIRECTANGULAR"]);
+    let no_focal = text("\"fl_x\"", "\"fl\"");
+    refused("transforms.json", "transforms.json", &no_focal, &["line 4", "photo_00.jpg", "fl_x", "missing"]);
+    refused("transforms.json", "transforms.json", &|bytes| bytes.truncate(200), &["not JSON", "line"]);
+    let short = text("\"R\": [[", "\"R\": [[2, 3], [");
+    refused("cameras.json", "cameras.json", &short, &["line", "photo_00.jpg", "field R"]);
+}
+
 #[test]
 fn an_unknown_format_is_said() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
 """Camera files as the programs they are for understand them: python3 programs.py TEXREG FOLDER
 
 Writes a scene in every format that one of the installed programs reads, and compares where that program projects points with where
-texreg's conventions put them. What is not installed (pymeshlab, pycolmap, trimesh, cv2) is said to be skipped. Exit status 1 if a
+texreg's conventions put them. What is not installed (pymeshlab, pycolmap, trimesh, bpy, cv2) is said to be skipped. Exit status 1 if a
 program disagrees.
 """
 
@@ -24,8 +24,8 @@ BROWN = [-0.21, 0.08, 1.5e-3, -7e-4, 0.02]
 POINTS = np.random.default_rng(1).uniform(-0.5, 0.5, (50, 3))
 
 
-def scene(name, distortion):
-    photo = {"file": "photo.png", "width": 240, "height": 180, "K": PINHOLE, "distortion": distortion}
+def scene(name, distortion, k=PINHOLE):
+    photo = {"file": "photo.png", "width": 240, "height": 180, "K": k, "distortion": distortion}
     photo |= {"R": R.tolist(), "T": T.tolist()}
     (folder / name).write_text(json.dumps({"photos": [photo]}))
     return name
@@ -64,6 +64,12 @@ def installed(name):
         return None
 
 
+MESH = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+PLACE = np.array([[0, -1, 0, 0.25], [1, 0, 0, -0.5], [0, 0, 1, 2], [0, 0, 0, 1]])
+ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+ply += "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+(folder / "model.ply").write_text(ply)
+
 pinhole, brown = scene("pinhole.json", [0] * 5), scene("brown.json", BROWN)
 
 if cv2 := installed("cv2"):
@@ -86,11 +92,42 @@ if trimesh := installed("trimesh"):
     check("trimesh, GLB, camera's place", pose[:3, 3], -R.T @ T, 1e-6)
     check("trimesh, GLB, camera's axes", pose[:3, :3], R.T @ np.diag([1, -1, -1]), 1e-6)
 
+if bpy := installed("bpy"):
+    from bpy_extras.object_utils import world_to_camera_view
+    from mathutils import Vector
+
+    # Blender's pixels are square here.
+    square = scene("square.json", [0] * 5, PINHOLE | {"fy": PINHOLE["fx"]})
+    project_file = Path(convert(square, "moved.mlp", "--model", "model.ply"))
+    rows = "\n".join(" ".join(str(x) for x in row) for row in PLACE)
+    project_file.write_text(project_file.read_text().replace("1 0 0 0 \n0 1 0 0 \n0 0 1 0 \n0 0 0 1 ", rows))
+    script = Path(convert("moved.mlp", "cameras.py"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    exec(compile(script.read_text(), script, "exec"), {"__file__": str(script)})
+    camera = bpy.data.objects["photo.png"]
+    bpy.context.view_layer.update()
+    seen = np.array([world_to_camera_view(bpy.context.scene, camera, Vector(point)) for point in POINTS])
+    pixels = np.c_[240 * seen[:, 0], 180 * (1 - seen[:, 1])] - 0.5
+    expected = project(POINTS, [0] * 5)
+    expected[:, 1] = PINHOLE["cy"] + (expected[:, 1] - PINHOLE["cy"]) * PINHOLE["fx"] / PINHOLE["fy"]
+    check("Blender, script, px", pixels, expected, 1e-3)
+
+
+    def corners():
+        (mesh,) = (part for part in bpy.data.objects if part.type == "MESH")
+        return np.array([mesh.matrix_world @ corner.co for corner in mesh.data.vertices])
+
+    check("Blender, script, mesh's place", corners(), MESH @ PLACE[:3, :3].T + PLACE[:3, 3], 1e-6)
+    # The importer of glTF turns models; the script turns them back.
+    bpy.ops.export_scene.gltf(filepath=str(folder / "model.glb"), export_yup=False)
+    moved = corners()
+    script = Path(convert(square, "cameras.py", "--model", "model.glb"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    exec(compile(script.read_text(), script, "exec"), {"__file__": str(script)})
+    check("Blender, script, a GLB's place", corners(), moved, 1e-6)
+
 # Last, for it holds on to the interpreter: what MeshLab understood, by its own Bundler export (six digits, the middle of the image).
 if pymeshlab := installed("pymeshlab"):
-    mesh = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-    mesh += "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-    (folder / "model.ply").write_text(mesh)
     # 240 × 180 pixels of black.
     PNG = "iVBORw0KGgoAAAANSUhEUgAAAPAAAAC0AQAAAACC55xFAAAAHElEQVR42u3BMQEAAADCoPVPbQ0PoAAAAAAAeDcVzAABoB36CwAAAABJRU5ErkJggg=="
     (folder / "photo.png").write_bytes(base64.b64decode(PNG))

@@ -21,7 +21,9 @@ pub(crate) fn run(args: &Convert, json: bool) -> anyhow::Result<Ending> {
     } else {
         let mut scene = from.read(&args.input)?;
         warnings.append(&mut scene.warnings);
-        scene.model = args.model.clone().or(scene.model);
+        if let Some(model) = &args.model {
+            scene.meshes = handover::meshes(model)?;
+        }
         let photos = args.photos.as_deref().unwrap_or_else(|| parent(&args.input));
         handover::write(&args.output, to, scene, photos, &mut warnings)?
     };

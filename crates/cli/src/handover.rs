@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow};
 use image::ImageFormat;
 use texreg::driver::Photo;
-use texreg::formats::{CameraEntry, CameraFile, Format, Lens, Scene, base_name, lost, write_together};
+use texreg::formats::{CameraEntry, CameraFile, Format, Lens, PlacedMesh, Scene, base_name, lost, write_together};
 
 use crate::args;
 use crate::inputs::{cause, name};
@@ -41,7 +41,7 @@ pub(crate) fn write(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let folder = if is_folder(to) { path } else { parent(path) };
     Output::open(folder)?;
-    scene.model = scene.model.map(|model| relative(&model, folder));
+    scene.meshes.iter_mut().for_each(|mesh| mesh.file = relative(&mesh.file, folder));
     let mut files = Vec::new();
     for entry in &mut scene.cameras.photos {
         fit(entry, to, photos, folder, &mut files, warnings)?;
@@ -85,11 +85,19 @@ pub(crate) fn write_all(args: &args::Inputs, output: &Output, cameras: &CameraFi
             Format::Blender => folder.join("cameras.py"),
             _ => folder,
         };
-        let scene = Scene { cameras: cameras.clone(), model: Some(args.model.clone()), ..Scene::default() };
+        let scene = Scene { cameras: cameras.clone(), meshes: meshes(&args.model)?, ..Scene::default() };
         written.extend(write(&path, *format, scene, parent(&args.photos[0]), &mut warnings)?.into_iter().take(1));
     }
     warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
     Ok(written)
+}
+
+/// The meshes of a model: those of a project, each where its matrix puts it, or the one.
+pub(crate) fn meshes(model: &Path) -> anyhow::Result<Vec<PlacedMesh>> {
+    match Format::of(model) {
+        Some(Format::MeshLab) => Ok(Format::MeshLab.read(model)?.meshes),
+        _ => Ok(vec![PlacedMesh::new(model)]),
+    }
 }
 
 /// Makes an entry one that the format can carry, and names the photo as the format names photos.

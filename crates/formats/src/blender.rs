@@ -4,8 +4,8 @@
 //! which carries no principal point. Blender's lens is `lens / sensor_width = fx / W`, its shifts are in units of the longer side.
 
 use crate::rotation::FLIP;
-use crate::{FileError, Scene};
-use serde_json::json;
+use crate::{FileError, PlacedMesh, Scene};
+use serde_json::{Value, json};
 use std::path::Path;
 
 const SCRIPT: &str = r#"
@@ -16,15 +16,24 @@ from mathutils import Matrix
 here = os.path.dirname(os.path.abspath(__file__))
 IMPORTERS = {".ply": "ply_import", ".obj": "obj_import", ".stl": "stl_import"}
 
-if MODEL:
-    path = os.path.join(here, MODEL)
+for m in MESHES:
+    path = os.path.join(here, m["file"])
     suffix = os.path.splitext(path)[1].lower()
+    turn = Matrix()
     if suffix in (".glb", ".gltf"):
         bpy.ops.import_scene.gltf(filepath=path)
+        # It took y for up; the cameras are in the file's own axes.
+        turn = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
     elif suffix == ".obj":
         bpy.ops.wm.obj_import(filepath=path, forward_axis="Y", up_axis="Z")
-    else:
+    elif suffix in IMPORTERS:
         getattr(bpy.ops.wm, IMPORTERS[suffix])(filepath=path)
+    else:
+        print(path + ": Blender does not read such files; import the model another way")
+        continue
+    for part in bpy.context.selected_objects:
+        if part.parent is None:
+            part.matrix_world = Matrix(m["world_from_mesh"]) @ turn @ part.matrix_world
 
 for c in CAMERAS:
     data = bpy.data.cameras.new(c["name"])
@@ -62,11 +71,15 @@ pub(crate) fn write(path: &Path, scene: &Scene) -> Result<String, FileError> {
             "world_from_camera": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
         }));
     }
-    let model = scene.model.as_ref().map(|model| model.to_string_lossy());
-    let model = model.map_or("None".to_owned(), |model| json!(model).to_string());
+    let mesh = |mesh: &PlacedMesh| {
+        let rows: Vec<Vec<f64>> = mesh.world_from_mesh.row_iter().map(|row| row.iter().copied().collect()).collect();
+        json!({"file": mesh.file.to_string_lossy(), "world_from_mesh": rows})
+    };
+    let meshes: Vec<Value> = scene.meshes.iter().map(mesh).collect();
     Ok(format!(
-        "# Builds these cameras in Blender: blender --python {}\nMODEL = {model}\nCAMERAS = {:#}\n{SCRIPT}",
+        "# Builds these cameras in Blender: blender --python {}\nMESHES = {:#}\nCAMERAS = {:#}\n{SCRIPT}",
         path.file_name().unwrap_or_default().to_string_lossy(),
+        json!(meshes),
         json!(cameras)
     ))
 }

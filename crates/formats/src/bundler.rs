@@ -40,7 +40,7 @@ pub(crate) fn read(path: &Path, text: &str) -> Result<Scene, FileError> {
     let cameras = cameras as usize;
     if cameras > names.len() {
         let cause = format!("has {cameras} cameras, but {} names {} photos", list.display(), names.len());
-        return Err(FileError::new(path, cause));
+        return Err(rows.error(cause));
     }
     let mut scene = Scene::default();
     for file in &names[..cameras] {

@@ -59,9 +59,10 @@ pub(crate) fn read(path: &Path) -> Result<Scene, FileError> {
         (images_path, cameras, images)
     };
     let mut scene = Scene::default();
-    for image in images {
+    for (place, image) in images {
         let fail = |field: &str, cause: &str| {
-            FileError::new(&images_path, format!("image {}, field {field}: {cause}", image.name))
+            let place = format!("{} {place}", if as_text { "line" } else { "byte" });
+            FileError::new(&images_path, format!("{place}: image {}, field {field}: {cause}", image.name))
         };
         let camera = cameras.get(&image.camera);
         let camera = camera.ok_or_else(|| fail("CAMERA_ID", &format!("there is no camera {}", image.camera)))?;

@@ -3,14 +3,14 @@
 //! Shapes and conventions are the README's ("Files"). A file is read key by key, so that a mistake is reported with the
 //! file, the photo and the field; keys that are not known are kept in `other`.
 
-use crate::file::{FileError, read, write_atomic};
-use crate::opencv;
+use crate::file::{FileError, read_text, write_atomic};
 use crate::rotation::checked_rotation;
-use crate::{CameraEntry, CameraFile, Lens, LensFile};
+use crate::{CameraEntry, CameraFile, Lens, LensFile, opencv, place};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use std::path::Path;
+use std::rc::Rc;
 use texreg_camera::Distortion;
 use texreg_lie::Pose;
 use texreg_posit::Correspondence;
@@ -118,15 +118,19 @@ pub(crate) fn cameras_text(cameras: &CameraFile) -> String {
 
 /// The keys of one JSON object that have not been read yet, and where that object stands.
 pub(crate) struct Fields<'a> {
-    pub(crate) path: &'a Path,
+    path: &'a Path,
+    /// The whole file, and the names and indices that lead to this object in it.
+    text: Rc<str>,
+    steps: Vec<String>,
     pub(crate) photo: Option<String>,
     pub(crate) map: Map<String, Value>,
 }
 
 impl<'a> Fields<'a> {
     pub(crate) fn open(path: &'a Path) -> Result<Self, FileError> {
-        match serde_json::from_slice(&read(path)?) {
-            Ok(Value::Object(map)) => Ok(Self { path, photo: None, map }),
+        let text = read_text(path)?;
+        match serde_json::from_str(&text) {
+            Ok(Value::Object(map)) => Ok(Self::top(path, text, map)),
             Ok(_) => Err(FileError::new(path, "holds no JSON object; the README's section \"Files\" shows its shape")),
             Err(e) => {
                 Err(FileError::new(path, format!("is not JSON ({e}); the README's section \"Files\" shows its shape")))
@@ -134,9 +138,24 @@ impl<'a> Fields<'a> {
         }
     }
 
+    /// The keys at the top of a file of this text.
+    pub(crate) fn top(path: &'a Path, text: String, map: Map<String, Value>) -> Self {
+        Self { path, text: text.into(), steps: Vec::new(), photo: None, map }
+    }
+
+    /// Those of the object at an index of the list of a key, whose number is the photo's name until it is read.
+    pub(crate) fn item(&self, key: &str, index: usize, map: Map<String, Value>) -> Self {
+        let steps = [&self.steps[..], &[key.to_owned(), index.to_string()]].concat();
+        Self { path: self.path, text: self.text.clone(), steps, photo: Some(format!("number {}", index + 1)), map }
+    }
+
+    /// An error at a field of this object, named as in `K.fx` or `points[3].uv`.
     pub(crate) fn error(&self, field: &str, cause: &str) -> FileError {
         let photo = self.photo.as_ref().map(|photo| format!("photo {photo}, ")).unwrap_or_default();
-        FileError::new(self.path, format!("{photo}field {field}: {cause}"))
+        let first = field.split(',').next().unwrap_or_default();
+        let inner = first.split(['.', '[', ']']).filter(|step| !step.is_empty()).map(str::to_owned);
+        let steps: Vec<String> = self.steps.iter().cloned().chain(inner).collect();
+        FileError::at(self.path, place::line(&self.text, &steps), format!("{photo}field {field}: {cause}"))
     }
 
     /// Takes a key that must be there.
@@ -165,7 +184,7 @@ impl<'a> Fields<'a> {
     fn photos(&mut self) -> Result<Vec<Self>, FileError> {
         let list: Vec<Map<String, Value>> = self.take("photos")?;
         let photos = list.into_iter().enumerate().map(|(i, map)| {
-            let mut fields = Self { path: self.path, photo: Some(format!("number {}", i + 1)), map };
+            let mut fields = self.item("photos", i, map);
             fields.photo = Some(fields.take("file")?);
             Ok(fields)
         });

@@ -17,6 +17,7 @@ mod metashape;
 mod mlp;
 mod nerfstudio;
 mod opencv;
+mod place;
 mod rotation;
 mod scene;
 mod xml;
@@ -26,7 +27,7 @@ pub use file::{FileError, write_atomic, write_together};
 pub use format::{Format, lost, read_cameras, read_lenses, write_lens};
 pub use json::{PairsEntry, read_pairs, write_cameras, write_pairs};
 pub use lens::{Lens, LensFile};
-pub use scene::Scene;
+pub use scene::{PlacedMesh, Scene};
 
 /// The README's example, compiled and run.
 #[cfg(doctest)]

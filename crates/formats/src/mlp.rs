@@ -6,8 +6,8 @@
 
 use crate::rotation::{FLIP, checked_rotation};
 use crate::xml::{Element, escaped, parse};
-use crate::{CameraEntry, FileError, Lens, Scene};
-use nalgebra::{Matrix3, Vector3};
+use crate::{CameraEntry, FileError, Lens, PlacedMesh, Scene};
+use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde_json::Map;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -18,8 +18,10 @@ pub(crate) fn read(path: &Path, text: &str) -> Result<Scene, FileError> {
     parse(path, text, "MeshLabProject", |project| {
         let mut scene = Scene::default();
         for mesh in project.children("MeshGroup").flat_map(|group| group.children("MLMesh")) {
-            let file = mesh.node.attribute("filename").map(|file| path.with_file_name(file));
-            scene.model = scene.model.or(file);
+            let file = path.with_file_name(mesh.attribute("filename")?);
+            let matrix = mesh.child("MLMatrix44").map(|matrix| matrix.text_numbers::<16>()).transpose()?;
+            let world_from_mesh = matrix.map_or_else(Matrix4::identity, |m| Matrix4::from_row_slice(&m));
+            scene.meshes.push(PlacedMesh { file, world_from_mesh });
         }
         for raster in project.children("RasterGroup").flat_map(|group| group.children("MLRaster")) {
             let (entry, warning) = photo(raster)?;
@@ -72,13 +74,15 @@ const PIXEL_MM: f64 = 0.0078125;
 pub(crate) fn write(path: &Path, scene: &Scene) -> Result<String, FileError> {
     let sizes = scene.sizes(path)?;
     let mut out = String::from("<!DOCTYPE MeshLabDocument>\n<MeshLabProject>\n <MeshGroup>\n");
-    if let Some(model) = &scene.model {
-        let file = escaped(&model.to_string_lossy());
-        let label = escaped(&model.file_name().unwrap_or_default().to_string_lossy());
+    for mesh in &scene.meshes {
+        let file = escaped(&mesh.file.to_string_lossy());
+        let label = escaped(&mesh.file.file_name().unwrap_or_default().to_string_lossy());
+        let rows = mesh.world_from_mesh.row_iter().map(|m| format!("{} {} {} {} \n", m[0], m[1], m[2], m[3]));
+        let matrix: String = rows.collect();
         let _ = write!(
             out,
-            "  <MLMesh label=\"{label}\" filename=\"{file}\" visible=\"1\">\n   <MLMatrix44>\n1 0 0 0 \n0 1 0 0 \n0 0 1 0 \n\
-             0 0 0 1 \n</MLMatrix44>\n  </MLMesh>\n"
+            "  <MLMesh label=\"{label}\" filename=\"{file}\" visible=\"1\">\n   <MLMatrix44>\n{matrix}</MLMatrix44>\n  \
+             </MLMesh>\n"
         );
     }
     out += " </MeshGroup>\n <RasterGroup>\n";

@@ -33,12 +33,12 @@ pub(crate) fn read(path: &Path) -> Result<Scene, FileError> {
         }
         Some(_) => return Err(top.error("applied_transform", "is not a matrix of 3 × 4 numbers")),
     };
-    let shared = top.map;
+    let shared = std::mem::take(&mut top.map);
     for (i, mut map) in frames.into_iter().enumerate() {
         for (key, value) in &shared {
             map.entry(key).or_insert_with(|| value.clone());
         }
-        let mut fields = Fields { path, photo: Some(format!("number {}", i + 1)), map };
+        let mut fields = top.item("frames", i, map);
         let file: String = fields.take("file_path")?;
         fields.photo = Some(file.clone());
         let lens = lens(&mut fields)?;

@@ -12,7 +12,7 @@ pub(crate) fn read_yaml(path: &Path) -> Result<Lens, FileError> {
     let text = file::read_text(path)?;
     // OpenCV's first line is no YAML directive.
     match serde_saphyr::from_str(text.strip_prefix("%YAML:1.0").unwrap_or(&text)) {
-        Ok(Value::Object(map)) => lens(Fields { path, photo: None, map }),
+        Ok(Value::Object(map)) => lens(Fields::top(path, text, map)),
         Ok(_) => Err(FileError::new(path, "holds no calibration: its top is not a list of named fields")),
         Err(error) => {
             let text = error.to_string();

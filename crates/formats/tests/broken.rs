@@ -57,9 +57,9 @@ fn meshlab() {
 #[test]
 fn colmap() {
     let check = |from: &str, to: &str, words: &[&str]| check(Format::Colmap, from, to, words);
-    check("1 1 0 0 0 ", "1 0 0 0 0 ", &["a.jpg", "QW QX QY QZ", "norm zero"]);
+    check("1 1 0 0 0 ", "1 0 0 0 0 ", &["line 4", "a.jpg", "QW QX QY QZ", "norm zero"]);
     check("1 1 0 0 0 ", "1 1 0 x 0 ", &["line 4", "QY"]);
-    check(" 1 a.jpg", " 7 a.jpg", &["a.jpg", "CAMERA_ID", "camera 7"]);
+    check(" 1 a.jpg", " 7 a.jpg", &["line 4", "a.jpg", "CAMERA_ID", "camera 7"]);
     check(" 1 a.jpg", " 1", &["line 4", "NAME"]);
     let (folder, path, _) = good(Format::Colmap);
     let cameras = folder.path().join("cameras.txt");
@@ -76,14 +76,14 @@ fn colmap() {
 #[test]
 fn others() {
     check(Format::Bundler, "500 0 0", "500 0", &["line 3", "a.jpg", "f k1 k2"]);
-    check(Format::Bundler, "1 0\n", "9 0\n", &["has 9 cameras", "names 1"]);
-    check(Format::Bundler, "0 -1 0", "0 1 0", &["a.jpg", "field R", "mirrors"]);
+    check(Format::Bundler, "1 0\n", "9 0\n", &["line 2", "has 9 cameras", "names 1"]);
+    check(Format::Bundler, "0 -1 0", "0 1 0", &["line 6", "a.jpg", "field R", "mirrors"]);
     check(Format::Metashape, "sensor_id=\"0\"", "sensor_id=\"3\"", &["line 23", "a.jpg", "sensor 3"]);
     check(Format::Metashape, "type=\"frame\"", "type=\"fisheye\"", &["line 5", "fisheye"]);
-    check(Format::Metashape, "<transform>1 0", "<transform>1 one", &["a.jpg", "transform"]);
-    check(Format::Nerfstudio, "\"OPENCV\"", "\"OPENCV_FISHEYE\"", &["camera_model", "OPENCV_FISHEYE"]);
-    check(Format::Nerfstudio, "\"fl_x\": 500.0", "\"fl_x\": \"far\"", &["a.jpg", "fl_x"]);
-    check(Format::Texreg, "500.0", "-1", &["a.jpg", "K"]);
+    check(Format::Metashape, "<transform>1 0", "<transform>1 one", &["line 24", "a.jpg", "transform"]);
+    check(Format::Nerfstudio, "\"OPENCV\"", "\"OPENCV_FISHEYE\"", &["line 2", "camera_model", "OPENCV_FISHEYE"]);
+    check(Format::Nerfstudio, "\"fl_x\": 500.0", "\"fl_x\": \"far\"", &["line 34", "a.jpg", "fl_x"]);
+    check(Format::Texreg, "500.0", "-1", &["line 7", "a.jpg", "K"]);
 }
 
 proptest! {

@@ -2,10 +2,10 @@
 
 use std::fs;
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 use texreg_camera::{Camera, Distortion, View};
 use texreg_formats::{
-    CameraEntry, CameraFile, Format, Lens, LensFile, Scene, lost, read_cameras, read_lenses, write_lens,
+    CameraEntry, CameraFile, Format, Lens, LensFile, PlacedMesh, Scene, lost, read_cameras, read_lenses, write_lens,
 };
 use texreg_lie::Pose;
 
@@ -123,6 +123,19 @@ fn opencvs_own_file_is_read() {
     assert_eq!(lens.distortion.to_array()[4], 2.3839153080878486e-01);
 }
 
+/// The meshes of a project come back, each with its matrix.
+#[test]
+fn meshes_of_a_project_keep_their_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let turned = Matrix4::new(0.0, -1.0, 0.0, 1e6, 1.0, 0.0, 0.0, 1.0 / 3.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+    let meshes = vec![PlacedMesh::new("a & b.ply"), PlacedMesh { file: "c.obj".into(), world_from_mesh: turned }];
+    let path = folder.path().join("p.mlp");
+    Format::MeshLab.write(&path, &Scene { meshes: meshes.clone(), ..Scene::default() }).unwrap();
+    let back = Format::MeshLab.read(&path).unwrap().meshes;
+    let here = |mesh: &PlacedMesh| PlacedMesh { file: folder.path().join(&mesh.file), ..mesh.clone() };
+    assert_eq!(back, meshes.iter().map(here).collect::<Vec<_>>());
+}
+
 /// A camera as MeshLab 2022 writes it, and where its own projection (vcglib, `Camera::Project`) puts a point: the image's
 /// middle is where the optical axis meets it, and up is up.
 #[test]
@@ -136,7 +149,7 @@ fn meshlabs_conventions_are_met() {
         </MLRaster>\n </RasterGroup>\n</MeshLabProject>\n";
     fs::write(&path, text).unwrap();
     let scene = Format::MeshLab.read(&path).unwrap();
-    assert_eq!(scene.model, Some(folder.path().join("m.ply")));
+    assert_eq!(scene.meshes, [PlacedMesh::new(folder.path().join("m.ply"))]);
     let view = scene.cameras.photos[0].view([800, 600]);
     assert_eq!(view.pose.center(), Point3::new(0.0, 0.0, 5.0));
     // One unit to the right and one up, five away: 200 pixels right of and above the middle.

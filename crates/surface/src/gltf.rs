@@ -7,6 +7,7 @@ use base64::Engine as _;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::buffer::Source;
 use gltf::mesh::Mode;
+use gltf::scene::Transform;
 use gltf::{Accessor, Node, Primitive};
 use nalgebra::Matrix4;
 
@@ -70,6 +71,14 @@ impl Scene {
         if depth > self.deepest {
             return Err(format!("node {}: is its own ancestor", node.index()));
         }
+        if let Transform::Decomposed { rotation, .. } = node.transform()
+            && rotation.iter().map(|x| x * x).sum::<f32>() < 1e-12
+        {
+            return Err(format!(
+                "node {}, field rotation: is a quaternion of norm zero, which is no rotation",
+                node.index()
+            ));
+        }
         let local = Matrix4::from(node.transform().matrix()).map(f64::from);
         let world_from_node = world_from_parent * local;
         for primitive in node.mesh().iter().flat_map(gltf::Mesh::primitives) {
@@ -105,9 +114,10 @@ impl Scene {
                 self.check(&accessor).map_err(|cause| format!("COLOR_0: {cause}"))?;
                 let kinds = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::F32);
                 let dimensions = matches!(accessor.dimensions(), Dimensions::Vec3 | Dimensions::Vec4);
-                (kinds && dimensions)
-                    .then(|| reader.read_colors(0).map(|colours| colours.into_rgb_u8().collect::<Vec<_>>()))
-                    .flatten()
+                if !kinds || !dimensions {
+                    return Err("COLOR_0: are no colours of floats or unsigned integers".into());
+                }
+                reader.read_colors(0).map(|colours| colours.into_rgb_u8().collect::<Vec<_>>())
             }
             None => None,
         };
@@ -136,13 +146,14 @@ impl Scene {
             Some(accessor) => {
                 self.check(&accessor).map_err(|cause| format!("TEXCOORD_0: {cause}"))?;
                 let kinds = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::F32);
-                let by_vertex: Vec<[f32; 2]> = match reader.read_tex_coords(0) {
-                    Some(uvs) if kinds && accessor.dimensions() == Dimensions::Vec2 => uvs.into_f32().collect(),
-                    _ => Vec::new(),
-                };
-                let uv = |&i: &u32| by_vertex.get(i as usize).copied();
-                let corners: Vec<[f32; 2]> = triangles.as_flattened().iter().map_while(uv).collect();
-                (corners.len() == 3 * triangles.len()).then(|| corners.as_chunks().0.to_vec())
+                if !kinds || accessor.dimensions() != Dimensions::Vec2 || accessor.count() != points.len() {
+                    return Err("TEXCOORD_0: are no pairs of floats or unsigned integers, one a vertex".into());
+                }
+                let uvs = reader.read_tex_coords(0).into_iter().flat_map(gltf::mesh::util::ReadTexCoords::into_f32);
+                let by_vertex: Vec<[f32; 2]> = uvs.collect();
+                // An index beyond the vertices is told of when the mesh is put together.
+                let uv = |&i: &u32| by_vertex.get(i as usize).copied().unwrap_or_default();
+                Some(triangles.iter().map(|t| [uv(&t[0]), uv(&t[1]), uv(&t[2])]).collect())
             }
             None => None,
         };

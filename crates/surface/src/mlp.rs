@@ -25,6 +25,9 @@ pub(crate) fn read(bytes: &[u8], path: &Path, load: fn(&Path) -> Result<Mesh, Er
         if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mlp")) {
             return Err(syntax(line(&node), "field filename: a project cannot be part of a project".into()));
         }
+        if !file.exists() {
+            return Err(syntax(line(&node), format!("field filename: there is no {}", file.display())));
+        }
         let matrix = node.children().find(|child| child.has_tag_name("MLMatrix44"));
         let matrix = matrix.map(|matrix| {
             let words = matrix.text().unwrap_or_default().split_whitespace();

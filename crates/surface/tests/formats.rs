@@ -141,7 +141,8 @@ fn a_project_puts_its_meshes_where_its_matrices_say() {
     assert!(message.contains("p.mlp: line 5: field MLMatrix44"), "{message}");
     std::fs::write(&path, project("").replace("<MLMatrix44>\n\n</MLMatrix44>", "").replace("corner.off", "no.off"))
         .unwrap();
-    assert!(load(&path).unwrap_err().to_string().contains("no.off"));
+    let message = load(&path).unwrap_err().to_string();
+    assert!(message.contains("p.mlp: line 6: field filename") && message.contains("no.off"), "{message}");
 }
 
 #[test]
@@ -159,6 +160,7 @@ fn broken_files_are_refused_in_one_line() {
     };
     refuses("a.glb", replaced(r#""count": 4"#, r#""count": 9"#), &["POSITION", "beyond its buffer"]);
     refuses("a.glb", glb(r#"{"mesh": 0, "children": [0]}"#), &["node 0", "ancestor"]);
+    refuses("a.glb", glb(r#"{"mesh": 0, "rotation": [0, 0, 0, 0]}"#), &["node 0", "field rotation", "norm zero"]);
     refuses("a.mlp", "<MeshLabProject>\n<MeshGroup>", &["line", "well-formed"]);
     refuses("a.mlp", "<MeshLabProject/>", &["no mesh"]);
 }
@@ -209,10 +211,17 @@ fn gltf_brings_texture_coordinates() {
     let path = folder.path().join("t.gltf");
     std::fs::write(&path, text).unwrap();
     assert_eq!(load(&path).unwrap().uvs, Some(vec![[[0.25, 0.5], [0.75, 0.5], [0.25, 1.0]]]));
-    std::fs::write(&path, text.replace("\"count\": 3, \"type\": \"VEC2\"", "\"count\": 4, \"type\": \"VEC2\""))
-        .unwrap();
-    let message = load(&path).unwrap_err().to_string();
-    assert!(message.contains("TEXCOORD_0") && message.contains("beyond its buffer"), "{message}");
+    let kind = "\"componentType\": 5126, \"count\": 3, \"type\": \"VEC2\"";
+    assert!(text.contains(kind));
+    for (change, words) in [
+        (kind.replace('3', "4"), "beyond its buffer"),
+        (kind.replace('3', "2"), "one a vertex"),
+        (kind.replace("5126", "5125"), "pairs of floats"),
+    ] {
+        std::fs::write(&path, text.replace(kind, &change)).unwrap();
+        let message = load(&path).unwrap_err().to_string();
+        assert!(message.contains("node 0, primitive 0: TEXCOORD_0") && message.contains(words), "{message}");
+    }
 }
 
 proptest! {

@@ -67,11 +67,13 @@ pub(super) fn read_cameras(path: &Path) -> Result<Cameras, FileError> {
     Ok(cameras)
 }
 
-pub(super) fn read_images(path: &Path) -> Result<Vec<Image>, FileError> {
+/// The images, each with the byte at which it begins.
+pub(super) fn read_images(path: &Path) -> Result<Vec<(usize, Image)>, FileError> {
     let bytes = file::read(path)?;
     let mut reader = Reader { path, bytes: &bytes, at: 0 };
     let mut images = Vec::new();
     for _ in 0..reader.u64()? {
+        let start = reader.at;
         let _id = reader.u32()?;
         let rotation = reader.numbers()?;
         let translation = reader.numbers()?;
@@ -84,7 +86,7 @@ pub(super) fn read_images(path: &Path) -> Result<Vec<Image>, FileError> {
         let points = usize::try_from(reader.u64()?).ok().and_then(|points| points.checked_mul(24));
         let points = points.ok_or_else(|| reader.error("the number of points is absurd"))?;
         reader.take(points)?;
-        images.push(Image { rotation, translation, camera, name });
+        images.push((start, Image { rotation, translation, camera, name }));
     }
     Ok(images)
 }

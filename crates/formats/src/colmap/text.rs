@@ -35,7 +35,8 @@ pub(super) fn read_cameras(path: &Path) -> Result<Cameras, FileError> {
     cameras.map(|(number, line)| camera(line).map_err(|cause| FileError::at(path, number, cause))).collect()
 }
 
-pub(super) fn read_images(path: &Path) -> Result<Vec<Image>, FileError> {
+/// The images, each with its line.
+pub(super) fn read_images(path: &Path) -> Result<Vec<(usize, Image)>, FileError> {
     let text = read_text(path)?;
     let image = |line: &str| -> Result<Image, String> {
         let mut words = line.split_whitespace();
@@ -62,7 +63,7 @@ pub(super) fn read_images(path: &Path) -> Result<Vec<Image>, FileError> {
         if line.is_empty() {
             continue;
         }
-        images.push(image(line).map_err(|cause| FileError::at(path, number, cause))?);
+        images.push((number, image(line).map_err(|cause| FileError::at(path, number, cause))?));
         lines.next();
     }
     Ok(images)
