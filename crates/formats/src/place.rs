@@ -87,12 +87,12 @@ fn at_top(text: &str, steps: &[String]) -> usize {
         let key = line.split(':').next().unwrap_or_default().trim().trim_matches(['"', '\'']);
         steps.first().is_some_and(|step| step == key)
     };
-    let lines = text.split_inclusive('\n').scan(0, |at, line| {
+    let mut lines = text.split_inclusive('\n').scan(0, |at, line| {
         let start = *at;
         *at += line.len();
         Some((start, line))
     });
-    lines.into_iter().find(|(_, line)| is_it(line)).map_or(0, |(start, _)| start)
+    lines.find(|(_, line)| is_it(line)).map_or(0, |(start, _)| start)
 }
 
 #[cfg(test)]
