@@ -19,8 +19,10 @@ use texreg::surface::Mesh;
 /// How far from where a chart is singular, radians.
 const NEAR: f64 = 1.7e-4;
 
-/// Where the world frame puts the true rotation (`None` leaves it), and the charts to try there.
-fn frames() -> [(&'static str, Option<Rotation3<f64>>, &'static [RotationName]); 3] {
+/// A world frame: its name, where it puts the true rotation (`None` leaves it), and the charts to try there.
+type Frame = (&'static str, Option<Rotation3<f64>>, &'static [RotationName]);
+
+fn frames() -> [Frame; 3] {
     let lock = Rotation3::from_euler_angles(0.3, FRAC_PI_2 - NEAR, 0.8);
     let half = so3::exp(&(Vector3::new(2.0, -1.0, 0.5).normalize() * (PI - NEAR)));
     [
