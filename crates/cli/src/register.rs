@@ -73,7 +73,10 @@ impl Registered {
 pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
     let joint = args.joint || args.share_intrinsics;
     if let Some(contradiction) = args.contradiction() {
-        Args::command().error(ErrorKind::ArgumentConflict, contradiction).exit();
+        let mut command = Args::command();
+        command.build();
+        let mut register = command.find_subcommand("register").cloned().unwrap_or(command);
+        register.error(ErrorKind::ArgumentConflict, contradiction).exit();
     }
     let inputs = Inputs::read(&args.inputs, args.init.as_deref())?;
     let output = Output::open(&args.inputs.output)?;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 use texreg_camera::{Camera, View};
-use texreg_lie::Pose;
+use texreg_lie::{Pose, so3};
 
 use texreg_formats::{CameraFile, FileError, read_cameras};
 
@@ -114,7 +114,26 @@ pub struct Motion {
 /// The motion from one pose, camera from world, to another; `diagonal` is that of the model's bounding box.
 pub fn motion(from: &Pose, to: &Pose, diagonal: f64) -> Motion {
     Motion {
-        rotation_deg: (to.rotation * from.rotation.inverse()).angle().to_degrees(),
+        // From the logarithm: the arc cosine of a trace that rounding made greater than 3 is no number.
+        rotation_deg: so3::log(&(to.rotation * from.rotation.inverse())).norm().to_degrees(),
         distance_pct: 100.0 * (to.center() - from.center()).norm() / diagonal,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn small_motions_have_their_angle_and_none_has_none() {
+        for k in 0..500 {
+            let number = |rate: f64| (rate * f64::from(k)).sin();
+            let turn = 3.0 * Vector3::new(number(1.3), number(2.1), number(3.7));
+            let pose = Pose::new(so3::exp(&turn), Vector3::new(number(0.7), number(1.9), 4.0));
+            assert!(motion(&pose, &pose, 1.0).rotation_deg < 1e-12);
+            let nearby = Pose::new(so3::exp(&Vector3::new(0.0, 3e-9, -4e-9)) * pose.rotation, pose.translation);
+            assert!((motion(&pose, &nearby, 1.0).rotation_deg.to_radians() - 5e-9).abs() < 1e-14);
+        }
     }
 }
