@@ -119,7 +119,8 @@ pub(crate) fn splats(
         uvs: None,
     };
     let corners = squares.into_iter().flat_map(|(corners, _)| corners).collect();
-    Ok(Mesh { is_cloud: true, ..Mesh::assemble(origin, corners, triangles.collect(), attributes) })
+    let mesh = Mesh::assemble(origin, corners, triangles.collect(), attributes);
+    Ok(Mesh { is_cloud: true, points: points.to_vec(), ..mesh })
 }
 
 /// Every value four times.
@@ -171,6 +172,18 @@ fn cells(points: &[[f32; 3]], given: &(impl Fn(usize) -> Option<Vector3<f64>> + 
         open.retain(|&i| cells[i].is_line);
     }
     cells
+}
+
+/// The mean curvature at the points of a cloud with unit normals, one a point: that of a curve towards a neighbour at d is
+/// (n′ − n)·d / |d|², and the mean over all directions is the mean curvature (L. Euler, 1767).
+pub(crate) fn mean_curvature(points: &[[f32; 3]], normal: impl Fn(usize) -> Vector3<f64> + Sync) -> Vec<f32> {
+    let all = Thinned::new(points, (0..points.len() as u32).collect());
+    let curvature = |i: usize| {
+        let neighbours = all.around(points, &points[i], NEIGHBOURS);
+        let bend = |(j, d): &(u32, Vector3<f64>)| (normal(*j as usize) - normal(i)).dot(d) / d.norm_squared();
+        neighbours.iter().map(bend).sum::<f64>() / neighbours.len().max(1) as f64
+    };
+    fourfold((0..points.len()).into_par_iter().map(|i| curvature(i) as f32).collect())
 }
 
 /// Some points of the cloud.

@@ -23,13 +23,16 @@ impl Mesh {
     ///
     /// With K = 1/(2 A_mixed) Σ (cot α + cot β)(x_i − x_j) it is H = K·n / 2. Vertices at one position count as one. On a
     /// border, where K has no meaning, it is the mean of the neighbours inside, and zero where there is none.
-    /// Triangles without area count for nothing. It is computed at the first call, from the vertices as they are then, and
+    /// Triangles without area count for nothing. Of a cloud it comes from the normals of the nearest points. It is computed at the first call, from the vertices as they are then, and
     /// kept.
     pub fn mean_curvature(&self) -> &[f32] {
         self.mean_curvature.get_or_init(|| self.curvature())
     }
 
     fn curvature(&self) -> Vec<f32> {
+        if self.is_cloud {
+            return crate::cloud::mean_curvature(&self.points, |i| Vector3::from(self.normals[4 * i].map(f64::from)));
+        }
         let first = weld(&self.positions);
         let empty = Ring { laplacian: Vector3::zeros(), area: 0.0, open: 0 };
         let mut rings = vec![empty; self.positions.len()];

@@ -158,7 +158,7 @@ impl Scene {
             None => None,
         };
         let attributes = Attributes { normals, colours, uvs, ..Attributes::default() };
-        Ok(Some(Part { points, triangles, attributes, is_cloud: false }))
+        Ok(Some(Part { points, triangles, attributes, ..Part::default() }))
     }
 
     /// Makes sure that an accessor stays within its buffer: the crate takes its word for it.

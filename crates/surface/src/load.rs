@@ -1,19 +1,43 @@
 //! Loading a model: the format is told by the first bytes and by the file's name.
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{Read, Seek};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
+use std::sync::Once;
 
 use crate::error::Error;
 use crate::mesh::Mesh;
 use crate::{e57, gltf, las, mlp, obj, off, ply, stl};
 
+thread_local! {
+    /// Whether this thread is in a decoder whose panics are ours to tell.
+    static DECODING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs a decoder of others, which may panic on a damaged file; `None` if it did, and nothing is printed.
+fn quietly<T>(decode: impl FnOnce() -> T) -> Option<T> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let others = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !DECODING.get() {
+                others(info);
+            }
+        }));
+    });
+    DECODING.set(true);
+    let result = panic::catch_unwind(AssertUnwindSafe(decode));
+    DECODING.set(false);
+    result.ok()
+}
+
 /// Loads a model from a PLY, OBJ, STL, OFF, glTF, LAS, LAZ or E57 file, or all meshes of a MeshLab project.
 ///
 /// - PLY: ASCII and binary of both byte orders. Vertices have `x y z`, optionally normals `nx ny nz`, colours
 ///   `red green blue`, a reflectance, the first of `reflectance`, `intensity`, `scalar_Intensity` and `quality`, and
-///   `ambient_occlusion` and `mean_curvature` as [`Mesh::write_ply`] writes them.
-///   Faces are polygons of any length and become fans of triangles; other elements and properties are skipped.
+///   `ambient_occlusion` and `mean_curvature` as [`Mesh::write_ply`] writes them. Texture coordinates are the faces' `texcoord`
+///   or the vertices' `s t` or `texture_u texture_v`. Faces are polygons of any length and become fans of triangles; other elements and properties are skipped.
 ///   A file without faces is a point cloud.
 /// - LAS and LAZ: a point cloud with intensities and colours; points marked as withheld are left out.
 /// - E57: the valid points of all scans as one cloud in the frame of the file, with intensities and colours.
@@ -49,12 +73,11 @@ pub fn load(path: impl AsRef<Path>) -> Result<Mesh, Error> {
         file.rewind().map_err(io)?;
         let damaged = |cause| Error::Damaged { path: path.to_owned(), cause };
         let defective = |defect| Error::Defect { path: path.to_owned(), place: None, defect };
-        // These decoders are others', and panic on some damaged files.
         let decode = || match las::is_las(&magic) {
             true => las::read(file, damaged, defective),
             false => e57::read(file, damaged, defective),
         };
-        catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err(damaged("its decoder gave it up".into())))
+        quietly(decode).unwrap_or_else(|| Err(damaged("its decoder gave it up".into())))
     } else {
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let mut whole = |mut bytes: Vec<u8>| file.read_to_end(&mut bytes).map(|_| bytes).map_err(io);

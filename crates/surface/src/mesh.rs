@@ -41,6 +41,8 @@ pub struct Mesh {
     /// Whether the model is a point cloud: triangles 2i and 2i + 1 over the vertices 4i to 4i + 3 are a square around
     /// point i (see [`Mesh::from_points`]).
     pub is_cloud: bool,
+    /// The points of a cloud, relative to `origin`; empty for other models.
+    pub(crate) points: Vec<[f32; 3]>,
     /// See [`shape`](Self::shape).
     pub(crate) prepared: Prepared,
 }
@@ -143,6 +145,7 @@ impl Mesh {
             ambient_occlusion: known(ambient_occlusion),
             mean_curvature: known(mean_curvature),
             is_cloud: false,
+            points: Vec::new(),
             prepared: Prepared::default(),
         }
     }

@@ -2,7 +2,7 @@
 use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
 
 use crate::error::Defect;
-use crate::mesh::{Attributes, Mesh};
+use crate::mesh::{Attributes, Mesh, relative};
 
 /// Triangles over points of the world, with attributes that are kept if every part of a model has them.
 #[derive(Default)]
@@ -12,15 +12,18 @@ pub(crate) struct Part {
     pub(crate) attributes: Attributes,
     /// Whether it is a point cloud; a model is one if every part of it is.
     pub(crate) is_cloud: bool,
+    /// Where the squares of a cloud have their points.
+    pub(crate) centres: Vec<[f64; 3]>,
 }
 
 impl Part {
     /// A mesh as a part.
     pub(crate) fn of(mesh: Mesh) -> Self {
         let points = (0..mesh.positions.len()).map(|i| mesh.point(i).into()).collect();
+        let centres = mesh.points.iter().map(|p| (mesh.origin + Vector3::from(p.map(f64::from))).into()).collect();
         let Mesh { triangles, normals, reflectance, colours, uvs, is_cloud, .. } = mesh;
         let attributes = Attributes { normals: Some(normals), reflectance, colours, uvs, ..Attributes::default() };
-        Self { points, triangles, attributes, is_cloud }
+        Self { points, triangles, attributes, is_cloud, centres }
     }
 
     /// Moves the part by an affine transform, world from part. One that mirrors turns the triangles over, so that outside
@@ -29,7 +32,7 @@ impl Part {
         if *world_from_part == Matrix4::identity() {
             return self;
         }
-        for point in &mut self.points {
+        for point in self.points.iter_mut().chain(&mut self.centres) {
             *point = world_from_part.transform_point(&Point3::from(*point)).into();
         }
         let linear: Matrix3<f64> = world_from_part.fixed_view::<3, 3>(0, 0).into();
@@ -67,6 +70,7 @@ pub(crate) fn assemble(parts: Vec<Part>) -> Result<Mesh, Defect> {
         let shifted = |triangle: [u32; 3]| triangle.map(|i| i.saturating_add(shift));
         all.triangles.extend(part.triangles.into_iter().map(shifted));
         all.points.extend(part.points);
+        all.centres.extend(part.centres);
         let (ours, theirs) = (&mut all.attributes, part.attributes);
         join(&mut ours.normals, theirs.normals);
         join(&mut ours.reflectance, theirs.reflectance);
@@ -75,7 +79,9 @@ pub(crate) fn assemble(parts: Vec<Part>) -> Result<Mesh, Defect> {
         all.is_cloud &= part.is_cloud;
     }
     let mesh = Mesh::new(&all.points, all.triangles, all.attributes)?;
-    Ok(Mesh { is_cloud: all.is_cloud, ..mesh })
+    let origin: [f64; 3] = mesh.origin.into();
+    let points = all.centres.iter().filter(|_| all.is_cloud).map(|&point| relative(point, &origin)).collect();
+    Ok(Mesh { is_cloud: all.is_cloud, points, ..mesh })
 }
 
 fn join<T>(ours: &mut Option<Vec<T>>, theirs: Option<Vec<T>>) {

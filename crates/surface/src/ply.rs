@@ -38,6 +38,8 @@ struct Vertices {
     origin: [f64; 3],
     positions: Vec<[f32; 3]>,
     attributes: Attributes,
+    /// A texture coordinate for each, if they have any.
+    uvs: Option<Vec<[f32; 2]>>,
 }
 
 /// Where the vertex element keeps what is wanted: numbers of properties.
@@ -45,8 +47,32 @@ struct Roles {
     position: [usize; 3],
     normal: Option<[usize; 3]>,
     colour: Option<[usize; 3]>,
+    /// Texture coordinates, v upwards.
+    texture: Option<[usize; 2]>,
     /// Of each of [`SCALARS`].
     scalars: [Option<usize>; 3],
+}
+
+/// Where the face element keeps its lists: numbers of properties.
+#[derive(Clone, Copy)]
+struct Lists {
+    /// Vertex numbers.
+    corners: usize,
+    /// Texture coordinates, u and v (upwards) of each corner.
+    texture: Option<usize>,
+}
+
+/// The faces as read.
+#[derive(Default)]
+struct Faces {
+    triangles: Vec<[u32; 3]>,
+    /// Texture coordinates as in [`Mesh`], if the faces have their own.
+    uvs: Option<Vec<[[f32; 2]; 3]>>,
+}
+
+/// Texture coordinates of a file, v upwards, as ours.
+fn downwards([u, v]: [f64; 2]) -> [f32; 2] {
+    [u as f32, (1.0 - v) as f32]
 }
 
 /// The names of attributes of one number, the most telling first: reflectance as scanners' programs write it, and what is computed
@@ -69,6 +95,7 @@ impl Roles {
             position,
             normal: three(["nx", "ny", "nz"]),
             colour: three(["red", "green", "blue"]).or_else(|| three(["diffuse_red", "diffuse_green", "diffuse_blue"])),
+            texture: [["s", "t"], ["texture_u", "texture_v"]].into_iter().find_map(|[u, v]| Some([find(u)?, find(v)?])),
             scalars: SCALARS.map(|names| names.iter().find_map(|name| find(name))),
         })
     }
@@ -128,12 +155,15 @@ fn read_mesh(source: &Source) -> Result<Mesh, Fault> {
     }
     let face = header.element("face").filter(|face| face.count > 0);
     let roles = Roles::of(vertex, &header)?;
-    let corners = face.map(|face| face.corners(&header)).transpose()?;
-    let (vertices, triangles) = match header.encoding {
-        Encoding::Ascii => records::read(&mut Words::new(source, &header)?, &header, &roles, corners)?,
-        Encoding::Binary(order) => binary::read(source, order, &header, &roles, corners)?,
+    let lists = face.map(|face| face.lists(&header)).transpose()?;
+    let (vertices, faces) = match header.encoding {
+        Encoding::Ascii => records::read(&mut Words::new(source, &header)?, &header, &roles, lists)?,
+        Encoding::Binary(order) => binary::read(source, order, &header, &roles, lists)?,
     };
-    let Vertices { origin, positions, attributes } = vertices;
+    let Vertices { origin, positions, mut attributes, uvs } = vertices;
+    let Faces { triangles, uvs: corners } = faces;
+    let of_vertices = |uvs: Vec<[f32; 2]>| triangles.iter().map(|t| t.map(|i| uvs[i as usize])).collect();
+    attributes.uvs = corners.or_else(|| uvs.map(of_vertices));
     match face {
         None => Ok(Mesh::from_local_points(origin, &positions, attributes, Scanner::Unknown)?),
         Some(_) if triangles.is_empty() => Err(Defect::NoFaces { vertices: positions.len() }.into()),

@@ -70,6 +70,9 @@ fn a_sphere_has_its_normals_and_its_area() {
     }
     let true_area = 4.0 * std::f64::consts::PI * 49.0;
     assert!((1.0..2.0).contains(&(total / true_area)), "{}", total / true_area);
+    // Normals look inwards: the surface is hollow to them.
+    let curvature = mesh.mean_curvature().iter().map(|&x| f64::from(x)).sum::<f64>() / mesh.positions.len() as f64;
+    assert!((curvature * -7.0 - 1.0).abs() < 0.1, "{curvature}");
 }
 
 #[test]
@@ -166,5 +169,26 @@ fn cut_scans_are_refused_in_one_line() {
             let message = load(&path).expect_err("a cut file").to_string();
             assert!(message.contains(name) && !message.contains('\n'), "{message:?}");
         }
+    }
+}
+
+#[test]
+fn a_cloud_is_written_as_its_points() {
+    let points = lines(0.01, 0.1);
+    let reflectance = (0..points.len()).map(|i| i as f32).collect();
+    let attributes = Attributes { reflectance: Some(reflectance), ..Attributes::default() };
+    let cloud = Mesh::from_points(&points, attributes, Scanner::At([0.0, 0.0, 5.0])).unwrap();
+    let mut bytes = Vec::new();
+    cloud.write_ply(&mut bytes).unwrap();
+    let header = String::from_utf8_lossy(&bytes[..200]);
+    assert!(header.contains(&format!("element vertex {}\n", points.len())) && !header.contains("element face"));
+    let path = tempfile::tempdir().unwrap();
+    let path = path.path().join("cloud.ply");
+    std::fs::write(&path, bytes).unwrap();
+    let again = load(&path).unwrap();
+    assert!(again.is_cloud);
+    assert_eq!((again.positions.len(), &again.reflectance), (cloud.positions.len(), &cloud.reflectance));
+    for i in 0..cloud.positions.len() {
+        assert!((again.point(i) - cloud.point(i)).norm() < 1e-6);
     }
 }

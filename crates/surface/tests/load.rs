@@ -306,3 +306,36 @@ fn every_case_loads() {
         assert!(share > 0.6, "{case}: {share} of the normals point outward");
     }
 }
+
+/// A square of two triangles, text, whose texture coordinates are declared and written so.
+fn textured(vertex: &str, values: [&str; 4], face: &str, faces: [&str; 2]) -> String {
+    let corners = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"];
+    let vertices: Vec<String> = corners.iter().zip(values).map(|(corner, value)| format!("{corner} {value}")).collect();
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n{vertex}\
+         element face 2\nproperty list uchar int vertex_indices\n{face}end_header\n{}\n3 0 1 2 {}\n3 0 2 3 {}\n",
+        vertices.join("\n"),
+        faces[0],
+        faces[1]
+    )
+}
+
+#[test]
+fn texture_coordinates_of_faces_and_of_vertices() {
+    // As MeshLab writes them, v upwards; ours goes down.
+    let expected = vec![[[0.0, 1.0], [0.5, 1.0], [0.5, 0.25]], [[0.0, 1.0], [0.5, 0.25], [0.0, 0.25]]];
+    let corners = ["0 0", "0.5 0", "0.5 0.75", "0 0.75"];
+    for names in ["s t", "texture_u texture_v"] {
+        let vertex: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
+        assert_eq!(load_bytes("a.ply", textured(&vertex, corners, "", ["", ""])).unwrap().uvs, Some(expected.clone()));
+    }
+    let list = "property list uchar float texcoord\n";
+    let faces = ["6 0 0 0.5 0 0.5 0.75", "6 0 0 0.5 0.75 0 0.75"];
+    let mesh = load_bytes("b.ply", textured("", [""; 4], list, faces)).unwrap();
+    assert_eq!(mesh.uvs, Some(expected.clone()));
+    // Binary, as we write them; and none where a face has none.
+    let mut bytes = Vec::new();
+    mesh.write_ply(&mut bytes).unwrap();
+    assert_eq!(load_bytes("c.ply", bytes).unwrap(), mesh);
+    assert_eq!(load_bytes("d.ply", textured("", [""; 4], list, [faces[0], "0"])).unwrap().uvs, None);
+}

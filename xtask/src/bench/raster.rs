@@ -215,11 +215,15 @@ fn alone(quick: bool, frames: usize, rows: &mut Vec<Row>) {
         renderer.render(&photo.triangles(), &camera, &pose, &Options::default(), &mut picture);
     });
     if !quick {
-        let large = Model::bumpy_sphere("10m", 1581);
         let (camera, pose) = view(SIZES[0]);
-        measure("10m 1024×768", &mut || {
-            renderer.render(&large.triangles(), &camera, &pose, &Options::default(), &mut picture);
-        });
+        let mut a_triangle = |name: &str, rings: u32| {
+            let model = Model::bumpy_sphere(name, rings);
+            let mut render = || renderer.render(&model.triangles(), &camera, &pose, &Options::default(), &mut picture);
+            render();
+            1e6 / model.indices.len() as f64 * (0..frames).map(|_| time(&mut render)).fold(f64::INFINITY, f64::min)
+        };
+        let (one, ten) = (a_triangle("1m", 500), a_triangle("10m", 1581));
+        rows.push(Row::beside("10m 1024×768, a triangle", ten, one, "1m", "ns").goal(1.0));
     }
 }
 

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::header::{Element, Header, Kind, Order, Scalar};
 use super::records::{self, Records, bad_index};
-use super::{Fault, Roles, Source, Vertices, attributes, colour_scale, ends_inside};
+use super::{Faces, Fault, Lists, Roles, Source, Vertices, attributes, colour_scale, downwards, ends_inside};
 use crate::error::{Defect, Place};
 use crate::mesh::{Bounds, relative, round_origin};
 
@@ -17,8 +17,8 @@ pub(super) fn read(
     order: Order,
     header: &Header,
     roles: &Roles,
-    corners: Option<usize>,
-) -> Result<(Vertices, Vec<[u32; 3]>), Fault> {
+    lists: Option<Lists>,
+) -> Result<(Vertices, Faces), Fault> {
     let mut body = Body {
         source,
         order,
@@ -28,7 +28,7 @@ pub(super) fn read(
         window_start: 0,
         filled: 0,
     };
-    records::read(&mut body, header, roles, corners)
+    records::read(&mut body, header, roles, lists)
 }
 
 /// A binary body and how far it has been read.
@@ -279,6 +279,10 @@ impl Records for Body<'_> {
         };
         let one = |role: Option<usize>| role.and_then(|property| layout.column(element, [property], self.order));
         let one = roles.scalars.map(one);
+        let texture = match roles.texture.map(|properties| layout.column(element, properties, self.order)) {
+            Some(None) => return Ok(None),
+            column => column.flatten(),
+        };
         let (Some(Some(position)), Some(normal), Some(colour)) =
             (three(Some(roles.position)), three(roles.normal), three(roles.colour))
         else {
@@ -290,20 +294,26 @@ impl Records for Body<'_> {
         let mut normals = normal.map(|_| vec![[0.0; 3]; count]);
         let mut scalars = one.map(|column| column.map(|_| vec![0.0; count]));
         let mut colours = colour.map(|_| vec![[0; 3]; count]);
+        let mut uvs = texture.map(|_| vec![[0.0; 2]; count]);
         let chunk = layout.chunk();
         let jobs: Vec<_> = {
             let mut normals = normals.as_mut().map(|v| v.chunks_mut(chunk));
             let mut scalars = scalars.each_mut().map(|scalar| scalar.as_mut().map(|v| v.chunks_mut(chunk)));
             let mut colours = colours.as_mut().map(|v| v.chunks_mut(chunk));
+            let mut uvs = uvs.as_mut().map(|v| v.chunks_mut(chunk));
             let job = |positions| {
                 let normals = normals.as_mut().and_then(Iterator::next);
                 let scalars = scalars.each_mut().map(|scalar| scalar.as_mut().and_then(Iterator::next));
-                (positions, normals, scalars, colours.as_mut().and_then(Iterator::next))
+                let colours = colours.as_mut().and_then(Iterator::next);
+                (positions, normals, scalars, colours, uvs.as_mut().and_then(Iterator::next))
             };
             positions.chunks_mut(chunk).map(job).collect()
         };
-        self.chunks(&layout, element.count, jobs, |_, (positions, normals, scalars, colours), bytes| {
+        self.chunks(&layout, element.count, jobs, |_, (positions, normals, scalars, colours, uvs), bytes| {
             position.fill(bytes, positions, |p| relative(p, &origin));
+            if let (Some(column), Some(out)) = (texture, uvs) {
+                column.fill(bytes, out, downwards);
+            }
             if let (Some(column), Some(out)) = (normal, normals) {
                 column.fill(bytes, out, |n| n.map(|x| x as f32));
             }
@@ -318,33 +328,48 @@ impl Records for Body<'_> {
             }
         })?;
         self.offset += layout.stride as u64 * element.count;
-        Ok(Some(Vertices { origin, positions, attributes: attributes(normals, scalars, colours) }))
+        Ok(Some(Vertices { origin, positions, attributes: attributes(normals, scalars, colours), uvs }))
     }
 
-    fn bulk_triangles(
-        &mut self,
-        element: &Element,
-        corners: usize,
-        vertices: u64,
-    ) -> Result<Option<Vec<[u32; 3]>>, Fault> {
+    fn bulk_faces(&mut self, element: &Element, lists: Lists, vertices: u64) -> Result<Option<Faces>, Fault> {
         let Some(layout) = Layout::of(self, element)? else {
             return Ok(None);
         };
-        let lists = element.properties[..corners].iter().filter(|p| matches!(p.kind, Kind::List { .. })).count();
-        let Kind::List { item: scalar, .. } = element.properties[corners].kind else {
+        // The column of a list that has this many items in all records.
+        let column = |property: usize, count: f64| {
+            let before = element.properties[..property].iter().filter(|p| matches!(p.kind, Kind::List { .. })).count();
+            match element.properties[property].kind {
+                Kind::List { item, .. } if layout.lengths[before].2 == count => Some((item, layout.offsets[property])),
+                _ => None,
+            }
+        };
+        let Some((scalar, first)) = column(lists.corners, 3.0) else {
             return Ok(None);
         };
-        if layout.lengths[lists].2 != 3.0 {
-            return Ok(None);
-        }
-        let (first, size) = (layout.offsets[corners], scalar.size());
+        let size = scalar.size();
         let offsets = [first, first + size, first + 2 * size];
+        let texture = match lists.texture.map(|property| column(property, 6.0)) {
+            Some(None) => return Ok(None),
+            column => column.flatten().map(|(scalar, first)| Column {
+                scalar,
+                order: self.order,
+                offsets: [0, 1, 2, 3, 4, 5].map(|k| first + k * scalar.size()),
+                stride: layout.stride,
+            }),
+        };
         let column = Column { scalar, order: self.order, offsets, stride: layout.stride };
         let mut triangles = vec![[0u32; 3]; element.count as usize];
-        let jobs: Vec<_> = triangles.chunks_mut(layout.chunk()).collect();
-        let greatest = self.chunks(&layout, element.count, jobs, |start, out, bytes| {
+        let mut uvs = texture.map(|_| vec![[[0.0; 2]; 3]; element.count as usize]);
+        let jobs: Vec<_> = {
+            let mut uvs = uvs.as_mut().map(|uvs| uvs.chunks_mut(layout.chunk()));
+            triangles.chunks_mut(layout.chunk()).map(|out| (out, uvs.as_mut().and_then(Iterator::next))).collect()
+        };
+        let greatest = self.chunks(&layout, element.count, jobs, |start, (out, uvs), bytes| {
             if !layout.fits(bytes, self.order) {
                 return None;
+            }
+            if let (Some(column), Some(uvs)) = (texture, uvs) {
+                column.fill(bytes, uvs, |[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]].map(downwards));
             }
             // A negative index becomes a great one and is out of range like it.
             column.fill(bytes, out, |t| t.map(|x| x as i64 as u32));
@@ -366,7 +391,7 @@ impl Records for Body<'_> {
             }
         }
         self.offset += layout.stride as u64 * element.count;
-        Ok(Some(triangles))
+        Ok(Some(Faces { triangles, uvs }))
     }
 
     fn bulk_skip(&mut self, element: &Element) -> Result<bool, Fault> {

@@ -1,5 +1,5 @@
 //! The header: encoding, elements and their properties.
-use super::{Fault, Source};
+use super::{Fault, Lists, Source};
 use crate::error::Place;
 
 /// Headers longer than this are refused.
@@ -83,14 +83,15 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// The number of the property that lists a face's corners.
-    pub(super) fn corners(&self, header: &Header) -> Result<usize, Fault> {
-        let named = |p: &Property| p.name == "vertex_indices" || p.name == "vertex_index";
-        let found = self.properties.iter().position(|p| named(p) && matches!(p.kind, Kind::List { .. }));
+    /// The properties that list a face's corners.
+    pub(super) fn lists(&self, header: &Header) -> Result<Lists, Fault> {
+        let list =
+            |name: &str| self.properties.iter().position(|p| p.name == name && matches!(p.kind, Kind::List { .. }));
+        let found = list("vertex_indices").or_else(|| list("vertex_index"));
         let fault = |cause: &str| Fault::Syntax(header.end(), cause.into());
         let corners = found.ok_or_else(|| fault("the header declares no list vertex_indices for the faces"))?;
         match self.properties[corners].kind {
-            Kind::List { item, .. } if item.is_integer() => Ok(corners),
+            Kind::List { item, .. } if item.is_integer() => Ok(Lists { corners, texture: list("texcoord") }),
             _ => Err(fault("the faces' vertex_indices are not integers")),
         }
     }

@@ -1,6 +1,6 @@
 //! Any PLY body, text or binary, value by value.
 use super::header::{Element, Header, Kind, Scalar, shorten};
-use super::{Fault, Roles, Source, Vertices, attributes, colour_scale, ends_inside};
+use super::{Faces, Fault, Lists, Roles, Source, Vertices, attributes, colour_scale, downwards, ends_inside};
 use crate::error::{Defect, Place};
 use crate::mesh::localize;
 
@@ -24,7 +24,7 @@ pub(super) trait Records {
     }
 
     /// All faces at once, as triangles, if their layout allows it.
-    fn bulk_triangles(&mut self, _: &Element, _corners: usize, _vertices: u64) -> Result<Option<Vec<[u32; 3]>>, Fault> {
+    fn bulk_faces(&mut self, _: &Element, _: Lists, _vertices: u64) -> Result<Option<Faces>, Fault> {
         Ok(None)
     }
 
@@ -34,16 +34,15 @@ pub(super) trait Records {
     }
 }
 
-/// Reads the elements in their order until vertices and faces are there, `corners` being the faces' property of vertex numbers;
-/// without it, there are no faces.
+/// Reads the elements in their order until vertices and faces are there; without `lists`, there are no faces.
 pub(super) fn read(
     records: &mut impl Records,
     header: &Header,
     roles: &Roles,
-    corners: Option<usize>,
-) -> Result<(Vertices, Vec<[u32; 3]>), Fault> {
+    lists: Option<Lists>,
+) -> Result<(Vertices, Faces), Fault> {
     let count = header.element("vertex").map_or(0, |vertex| vertex.count);
-    let (mut vertices, mut triangles) = (None, None);
+    let (mut vertices, mut faces) = (None, None);
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" if vertices.is_none() => {
@@ -53,22 +52,22 @@ pub(super) fn read(
                 };
             }
             "face"
-                if triangles.is_none()
-                    && let Some(corners) = corners =>
+                if faces.is_none()
+                    && let Some(lists) = lists =>
             {
-                triangles = match records.bulk_triangles(element, corners, count)? {
-                    None => Some(self::triangles(records, element, corners, count)?),
+                faces = match records.bulk_faces(element, lists, count)? {
+                    None => Some(self::faces(records, element, lists, count)?),
                     bulk => bulk,
                 };
             }
             _ if records.bulk_skip(element)? => {}
             _ => skip(records, element)?,
         }
-        if vertices.is_some() && (triangles.is_some() || corners.is_none()) {
+        if vertices.is_some() && (faces.is_some() || lists.is_none()) {
             break;
         }
     }
-    Ok((vertices.unwrap_or_default(), triangles.unwrap_or_default()))
+    Ok((vertices.unwrap_or_default(), faces.unwrap_or_default()))
 }
 
 /// The vertices, record by record.
@@ -77,6 +76,7 @@ fn vertices(records: &mut impl Records, element: &Element, roles: &Roles) -> Res
     let mut normals = roles.normal.map(|_| Vec::new());
     let mut scalars = roles.scalars.map(|scalar| scalar.map(|_| Vec::new()));
     let mut colours = roles.colour.map(|_| Vec::new());
+    let mut uvs = roles.texture.map(|_| Vec::new());
     let scale = roles.colour.map_or(1.0, |[red, ..]| match element.properties[red].kind {
         Kind::One(scalar) | Kind::List { item: scalar, .. } => colour_scale(scalar),
     });
@@ -110,48 +110,51 @@ fn vertices(records: &mut impl Records, element: &Element, roles: &Roles) -> Res
         if let (Some(colours), Some(colour)) = (&mut colours, roles.colour) {
             colours.push(colour.map(|i| (values[i] * scale).round() as u8));
         }
+        if let (Some(uvs), Some(texture)) = (&mut uvs, roles.texture) {
+            uvs.push(downwards(texture.map(|i| values[i])));
+        }
         records.end()?;
     }
     let (origin, positions) = localize(&points)?;
-    Ok(Vertices { origin, positions, attributes: attributes(normals, scalars, colours) })
+    Ok(Vertices { origin, positions, attributes: attributes(normals, scalars, colours), uvs })
 }
 
 /// The faces as fans of triangles, record by record. Faces of fewer than three corners are skipped.
-fn triangles(
-    records: &mut impl Records,
-    element: &Element,
-    corners: usize,
-    vertices: u64,
-) -> Result<Vec<[u32; 3]>, Fault> {
-    let mut triangles = Vec::new();
+fn faces(records: &mut impl Records, element: &Element, lists: Lists, vertices: u64) -> Result<Faces, Fault> {
+    let mut faces = Faces { triangles: Vec::new(), uvs: lists.texture.map(|_| Vec::new()) };
+    let (mut corners, mut texture): (Vec<u32>, Vec<f64>) = (Vec::new(), Vec::new());
     for record in 0..element.count {
         records.begin(element, record)?;
+        (corners.clear(), texture.clear());
         for (i, property) in element.properties.iter().enumerate() {
             let (length, item) = match property.kind {
                 Kind::One(scalar) => (1, scalar),
                 Kind::List { length, item } => (list_length(records, length)?, item),
             };
-            let (mut first, mut previous) = (0, 0);
-            for k in 0..length {
+            for _ in 0..length {
                 let value = records.next(item)?;
-                if i != corners {
-                    continue;
+                if i == lists.corners {
+                    if value.fract() != 0.0 || !(0.0..vertices as f64).contains(&value) {
+                        return Err(bad_index(records.place(), record, value, vertices));
+                    }
+                    corners.push(value as u32);
+                } else if Some(i) == lists.texture {
+                    texture.push(value);
                 }
-                if value.fract() != 0.0 || !(0.0..vertices as f64).contains(&value) {
-                    return Err(bad_index(records.place(), record, value, vertices));
-                }
-                let index = value as u32;
-                match k {
-                    0 => first = index,
-                    1 => {}
-                    _ => triangles.push([first, previous, index]),
-                }
-                previous = index;
+            }
+        }
+        for k in 2..corners.len() {
+            let fan = [0, k - 1, k];
+            faces.triangles.push(fan.map(|k| corners[k]));
+            if let Some(uvs) = &mut faces.uvs {
+                // A face without them has none that is a number.
+                let at = |i: usize| texture.get(i).copied().unwrap_or(f64::NAN);
+                uvs.push(fan.map(|k| downwards([at(2 * k), at(2 * k + 1)])));
             }
         }
         records.end()?;
     }
-    Ok(triangles)
+    Ok(faces)
 }
 
 /// What to say of a corner that is no vertex.
