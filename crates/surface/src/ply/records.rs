@@ -125,7 +125,8 @@ fn faces(records: &mut impl Records, element: &Element, lists: Lists, vertices: 
     let (mut corners, mut texture): (Vec<u32>, Vec<f64>) = (Vec::new(), Vec::new());
     for record in 0..element.count {
         records.begin(element, record)?;
-        (corners.clear(), texture.clear());
+        corners.clear();
+        texture.clear();
         for (i, property) in element.properties.iter().enumerate() {
             let (length, item) = match property.kind {
                 Kind::One(scalar) => (1, scalar),
