@@ -102,19 +102,22 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
     }
 
     /// What the metric would be at a view if the model told nothing of the photo: over the product of the marginals of each joint
-    /// density. The agreement of edges counts from zero.
-    pub(crate) fn independent(&self, at: &View) -> Option<f64> {
+    /// density; and over the same samples, each with the photo's value of another, so that what many cells explain of few samples by
+    /// chance is in it. The agreement of edges counts from zero.
+    pub(crate) fn independent(&self, at: &View) -> Option<[f64; 2]> {
         let camera = self.level.camera(&at.camera);
         let density = self.terms.density.as_ref().map(|metric| {
             let (values, _) = look::<T>(&self.samples.points, self.level, at);
-            let samples = Samples { model: &self.samples.bins, photo: &values };
-            metric.value(&self.density.estimate(&samples).independent())
+            let mixed: Vec<T> = mixed(values.len()).map(|i| values[i]).collect();
+            let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &mixed });
+            [metric.value(&joint.independent()), metric.value(&joint)]
         });
         let silhouettes = match self.samples.contour.as_ref().zip(self.level.silhouette.as_ref()) {
             Some((contour, silhouette)) => Some(contour.independent(silhouette, &camera, at)?),
             None => None,
         };
-        Some(self.compose(&[density, self.samples.needles.as_ref().map(|_| 0.0), silhouettes]).0)
+        let edges = self.samples.needles.as_ref().map(|_| 0.0);
+        Some([0, 1].map(|k| self.compose(&[density.map(|values| values[k]), edges, silhouettes]).0))
     }
 
     /// Its derivatives by the tangent.
@@ -215,6 +218,20 @@ impl<T: Real> Objective<View> for PhotoObjective<'_, T> {
         let Dense { gradient, curvature } = self.dense(at);
         Derivatives { gradient, curvature: Curvature::Dense(curvature) }
     }
+}
+
+/// The indices below `count` in an order without pattern: by steps of the golden section, or of the next number without a common
+/// divisor.
+fn mixed(count: usize) -> impl Iterator<Item = usize> {
+    let divisor = |mut a: usize, mut b: usize| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let golden = (0.618_033_988_75 * count as f64) as usize;
+    let step = (golden..).find(|&step| divisor(step, count) <= 1).unwrap_or(1);
+    (0..count).map(move |i| (count / 2 + i * step) % count)
 }
 
 /// What a view sees of points in a level of the photo: the values, NaN outside it, and their slopes.
@@ -423,18 +440,29 @@ pub(crate) mod tests {
             samples.needles = samples.needles.filter(|_| metric.has_edges());
             samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
             let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, metric, &space, prior);
-            (objective.value(&view).unwrap(), objective.independent(&view).unwrap())
+            let [independent, chance] = objective.independent(&view).unwrap();
+            (objective.value(&view).unwrap(), independent, chance)
         };
         for &metric in MetricName::ALL {
-            let (value, independent) = of(metric);
-            assert!(value > independent, "{metric}: {value} is below {independent}");
+            let (value, independent, chance) = of(metric);
+            assert!(value > independent && value > chance, "{metric}: {value}, {independent}, {chance}");
         }
         let gain = |metric| of(metric).0 - of(metric).1;
-        let information = of(MetricName::MutualInformation).0;
+        let (information, _, chance) = of(MetricName::MutualInformation);
+        assert!(chance > 0.0 && chance < 0.05 * information, "{chance} nats of {information} by chance");
         assert!((gain(MetricName::MutualInformation) - information).abs() < 1e-12);
         assert!((gain(MetricName::ConditionalEntropy) - information).abs() < 1e-12);
         let both = information + gain(MetricName::Silhouette);
         assert!((gain(MetricName::InformationSilhouette) - both).abs() < 1e-12);
+    }
+
+    #[test]
+    fn mixing_takes_each_once() {
+        for count in [0, 1, 2, 5, 144, 1000, 6_543] {
+            let mut indices: Vec<usize> = mixed(count).collect();
+            indices.sort_unstable();
+            assert!(indices.into_iter().eq(0..count), "{count}");
+        }
     }
 
     /// The Fisher matrix is made of what the metric changes by when one sample moves and the others stay.

@@ -2,11 +2,13 @@
 //! the one that maximizes the metric.
 //!
 //! 1. A search over small renderings finds views that might lie in the right basin.
-//! 2. Each climbs on the coarsest level of the photo; the best climb on the second, and the best of these goes on.
-//! 3. It climbs through the finer levels to the full photo. Only on the last two are parts of the camera let go.
+//! 2. Each climbs on the coarsest level of the photo; the best, and that of the start, climb on the second.
+//! 3. The best of these climbs through the finer levels to the full photo, and with it one elsewhere as long as that comes near.
+//!    Only on the last two levels are parts of the camera let go.
 //!
 //! To climb is to render, to take samples, and to maximize the metric over them, until a new rendering changes nothing. Views are
-//! compared by the metric over the model and a band of background in a fixed proportion to it.
+//! compared by the metric over the model and a band of background in a fixed proportion to it, less what chance explains: a
+//! small picture in many cells looks well explained by anything.
 //!
 //! Where the end is in doubt, or far from the start, a wider search follows, and the better end counts. With no start at all, a
 //! survey of the model from everywhere takes the place of the search. Inside a scan, and where coarse levels led away from a start
@@ -85,6 +87,10 @@ const COLOURS: usize = 24;
 const HYPOTHESES: usize = 10;
 const FINALISTS: usize = 3;
 
+/// So many views go on from the second level, and to each finer one, as long as their excess over chance is this share of the best's.
+const RIVALS: usize = 2;
+const RIVALRY: f64 = 0.9;
+
 /// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
 const APART: f64 = 2.0;
 
@@ -148,14 +154,22 @@ struct Field {
     evidence: fn(&Registration, &View) -> f64,
 }
 
+/// A view in a race.
+#[derive(Clone, Copy)]
+struct Runner {
+    view: View,
+    /// The gain of its climb on the coarsest level.
+    coarse: f64,
+}
+
 /// Where a race ended.
 struct Finish {
     view: View,
     /// The metric at full size.
     similarity: Similarity,
-    /// The gain of the best climb on the coarsest level.
+    /// The gain of the view's climb on the coarsest level.
     coarse: f64,
-    /// The gain of the best view elsewhere as a share of the best's, on the second level.
+    /// The excess of the best view elsewhere as a share of the best's, on the last level that both climbed.
     rival: f64,
 }
 
@@ -165,6 +179,8 @@ pub(crate) struct Similarity {
     pub(crate) value: f64,
     /// The value over that of a model that tells nothing of the photo.
     pub(crate) gain: f64,
+    /// The value over what chance explains of the samples.
+    pub(crate) excess: f64,
     /// Pixels of the photo that show the model.
     pub(crate) covered: f64,
 }
@@ -173,8 +189,9 @@ pub(crate) struct Similarity {
 pub(crate) struct Climb {
     pub(crate) view: View,
     similarity: (f64, f64),
-    /// The metric at the end over that of a model that tells nothing of the photo.
+    /// The metric at the end over that of a model that tells nothing of the photo, and over what chance explains of the samples.
     gain: f64,
+    excess: f64,
     evaluations: usize,
     renderings: usize,
 }
@@ -268,7 +285,7 @@ impl<'a> Registration<'a> {
             field.views = self.distinct(&finish.view, vec![found]);
             field.evidence = |registration, view| registration.peak(view);
             let wide = self.race(&mut sampler, &field, &mut course)?;
-            let worth = |finish: &Finish| finish.similarity.value + self.peak(&finish.view);
+            let worth = |finish: &Finish| finish.similarity.excess + self.peak(&finish.view);
             if worth(&wide) > worth(&finish) {
                 finish = wide;
                 findings = self.findings(&finish, refine, &start, at_start);
@@ -318,7 +335,7 @@ impl<'a> Registration<'a> {
                 self.straight(sampler, top, start, refine).ok_or(Error::NothingVisible)?;
             let end = (self.similarity(sampler, &view).unwrap_or_default(), view);
             let held = best.unwrap_or(end);
-            let now = if end.0.value > held.0.value { end } else { held };
+            let now = if end.0.excess > held.0.excess { end } else { held };
             let similarity = (held.0.value, now.0.value);
             course.tell(stage(climb_name(top), began, evaluations, renderings, similarity), &now.1)?;
             best = Some(now);
@@ -328,51 +345,51 @@ impl<'a> Registration<'a> {
         Ok(Finish { view, similarity, coarse, rival: 0.0 })
     }
 
-    /// Several views climb, and the best goes on to the full photo.
+    /// Several views climb, and the best goes on to the full photo, with those elsewhere that come near it.
     fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Finish, Error> {
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
-        let mut views = field.views.clone();
-        let mut finish = Finish { view: field.start, similarity: Similarity::default(), coarse: 0.0, rival: 0.0 };
-        for (index, keep) in [(coarsest, field.finalists), (second, 1)] {
+        let mut runners: Vec<Runner> = field.views.iter().map(|&view| Runner { view, coarse: 0.0 }).collect();
+        let mut rival = 0.0;
+        for index in std::iter::once(coarsest).chain((0..=second).rev()) {
             let began = Instant::now();
             let mesh = if index == coarsest { &self.model.coarse } else { self.model.mesh };
-            let mut climbs: Vec<(f64, Climb)> = views
-                .into_par_iter()
-                .map_init(
-                    || Sampler::new(mesh, &*self.model.signal),
-                    |sampler, view| {
-                        let climb = self.climb(sampler, index, &view, &field.start, field.refine)?;
-                        Some((climb.similarity.1 + (field.evidence)(self, &climb.view), climb))
-                    },
-                )
-                .flatten()
-                .collect();
-            climbs.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let climbs: Vec<Climb> = climbs.into_iter().map(|(_, climb)| climb).collect();
-            let best = climbs.first().ok_or(Error::NothingVisible)?;
-            let evaluations = climbs.iter().map(|climb| climb.evaluations).sum();
-            let renderings = climbs.iter().map(|climb| climb.renderings).sum();
+            let run = |sampler: &mut Sampler, (place, runner): (usize, Runner)| {
+                let climb = self.climb(sampler, index, &runner.view, &field.start, field.refine)?;
+                let evidence = if index < second { 0.0 } else { (field.evidence)(self, &climb.view) };
+                let coarse = if index == coarsest { climb.gain } else { runner.coarse };
+                Some((climb.excess + evidence, place, Runner { view: climb.view, coarse }, climb))
+            };
+            let mut ends: Vec<(f64, usize, Runner, Climb)> = if runners.len() == 1 {
+                runners.into_iter().enumerate().filter_map(|runner| run(sampler, runner)).collect()
+            } else {
+                let own = || Sampler::new(mesh, &*self.model.signal);
+                runners.into_par_iter().enumerate().map_init(own, run).flatten().collect()
+            };
+            ends.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let (_, _, first, best) = ends.first().ok_or(Error::NothingVisible)?;
+            let evaluations = ends.iter().map(|(.., climb)| climb.evaluations).sum();
+            let renderings = ends.iter().map(|(.., climb)| climb.renderings).sum();
             course.tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view)?;
-            if index == coarsest {
-                finish.coarse = best.gain;
+            let scale = self.levels[index.max(second)].scale;
+            let apart = |a: &View, b: &View| self.model.distance(a, b) * scale > APART;
+            let (most, least) =
+                if index == coarsest { (field.finalists, f64::MIN) } else { (RIVALS, RIVALRY * best.excess) };
+            runners = vec![*first];
+            for (_, place, runner, climb) in &ends {
+                // The first of the views is the one that was hoped for.
+                let is_kept = runners.len() < most && climb.excess >= least || index == coarsest && *place == 0;
+                if is_kept && runners.iter().all(|other| apart(&other.view, &runner.view)) {
+                    runners.push(*runner);
+                }
             }
-            let elsewhere =
-                |climb: &&Climb| self.model.distance(&climb.view, &best.view) * self.levels[index].scale > APART;
-            finish.rival = climbs.iter().find(elsewhere).map_or(0.0, |climb| climb.gain / best.gain);
-            views = climbs.into_iter().take(keep).map(|climb| climb.view).collect();
+            if let Some((.., climb)) = ends.iter().find(|(_, _, runner, _)| apart(&runner.view, &best.view)) {
+                rival = climb.excess / best.excess;
+            }
         }
-        finish.view = views[0];
-        for index in (0..second).rev() {
-            let began = Instant::now();
-            let climb = self.climb(sampler, index, &finish.view, &field.start, field.refine);
-            let climb = climb.ok_or(Error::NothingVisible)?;
-            finish.view = climb.view;
-            let stage = stage(climb_name(index), began, climb.evaluations, climb.renderings, climb.similarity);
-            course.tell(stage, &finish.view)?;
-        }
-        finish.similarity = self.similarity(sampler, &finish.view).unwrap_or_default();
-        Ok(finish)
+        let Runner { view, coarse } = runners[0];
+        let similarity = self.similarity(sampler, &view).unwrap_or_default();
+        Ok(Finish { view, similarity, coarse, rival })
     }
 
     /// The views that a search around one of them looked at, the best first; `None` where the model is not in sight.
@@ -483,8 +500,8 @@ impl<'a> Registration<'a> {
         let space = self.space(Refine::default(), &view.camera);
         let mut objective = self.objective(index, &samples, &space, &view.camera, 0.0);
         let value = objective.value(view)?;
-        let gain = value - objective.independent(view)?;
-        Some(Similarity { value, gain, covered: samples.covered as f64 })
+        let [gain, excess] = objective.independent(view)?.map(|none| value - none);
+        Some(Similarity { value, gain, excess, covered: samples.covered as f64 })
     }
 
     /// Climbs at one level; `None` where the view shows nothing of the model. `start` brings the expected camera.
@@ -502,7 +519,8 @@ impl<'a> Registration<'a> {
         let sampling = Sampling::with_halo(effort.samples, self.options.metric);
         let space = self.space(if index < 2 { refine } else { Refine::default() }, &start.camera);
         let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
-        let mut climb = Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, evaluations: 0, renderings: 0 };
+        let mut climb =
+            Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, excess: 0.0, evaluations: 0, renderings: 0 };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
             let mut objective = self.objective(index, &samples, &space, &start.camera, PRIOR);
@@ -536,7 +554,7 @@ impl<'a> Registration<'a> {
             let moved = self.model.distance(&climb.view, &report.point) * level.scale;
             climb.view = report.point;
             if moved < SETTLED || rendering + 1 == effort.renderings {
-                climb.gain = report.value - objective.independent(&report.point)?;
+                [climb.gain, climb.excess] = objective.independent(&report.point)?.map(|none| report.value - none);
                 break;
             }
         }

@@ -11,7 +11,8 @@
 //! the delete-a-group jackknife (J. Shao and C. F. J. Wu, *A general theory for jackknife variance estimation*, Annals of
 //! Statistics 17(3), 1989), in its one-step form, which is a sandwich estimator with the density's own uncertainty in it.
 //! Regions are large, as what the model leaves unexplained (paint, shadows, clutter) is alike over large parts of a photo; the
-//! inverse Hessian alone would take every sample for a witness of its own.
+//! inverse Hessian alone would take every sample for a witness of its own. The Hessian is taken by differences; where these see next
+//! to no curvature it is a share of the Fisher information.
 //!
 //! Photos that share a lens have H in the shape of an arrow, and a region of one photo moves the lens, and through it all.
 
@@ -59,8 +60,9 @@ const REGIONS: usize = 16;
 /// The steps of the differences that make the Hessian move the picture by about this many pixels.
 const STEP: f64 = 0.5;
 
-/// A direction whose curvature is less than this share of the largest counts as one of so much: it is all but undetermined.
-const FLAT: f64 = 1e-4;
+/// A direction whose curvature is less than this share of the Fisher information counts as one of so much. By differences the metric
+/// of a small picture is flat or not even concave at its maximum, as they follow its ripples.
+const FLAT: f64 = 0.02;
 
 /// Points of the surface that stand for all of it.
 const PROBES: usize = 300;
@@ -100,9 +102,9 @@ impl Witness {
         let background = photo.model.signal.bins() as u16;
         let surface = samples.bins.iter().filter(|&&bin| bin != background).count();
         let probes: Vec<_> = samples.points[..surface].iter().step_by(surface / PROBES + 1).copied().collect();
-        let gradient = |samples: &SurfaceSamples, at: &View| {
-            photo.objective(0, samples, &space, expected, prior).dense(at).gradient
-        };
+        let dense =
+            |samples: &SurfaceSamples, at: &View| photo.objective(0, samples, &space, expected, prior).dense(at);
+        let gradient = |samples: &SurfaceSamples, at: &View| dense(samples, at).gradient;
         let reach = motions(view, refine, &probes);
         let columns: Vec<DVector<f64>> = (0..space.dimension())
             .into_par_iter()
@@ -116,7 +118,7 @@ impl Witness {
                 Some((at(-step)? - at(step)?) / (2.0 * step))
             })
             .collect::<Option<_>>()?;
-        let information = convex(&DMatrix::from_columns(&columns), &reach);
+        let information = convex(&DMatrix::from_columns(&columns), &dense(&samples, view).curvature)?;
         let mut left: Vec<DVector<f64>> =
             regions(view, &samples).into_par_iter().map(|rest| gradient(&rest, view)).collect();
         let mean = left.iter().sum::<DVector<f64>>() / left.len() as f64;
@@ -125,21 +127,14 @@ impl Witness {
     }
 }
 
-/// A matrix made symmetric and positive definite: in units of a pixel's motion, no direction has less than a small share of the
-/// largest curvature.
-fn convex(matrix: &DMatrix<f64>, motions: &[f64]) -> DMatrix<f64> {
-    let scale = DVector::from_iterator(motions.len(), motions.iter().map(|motion| motion.max(f64::MIN_POSITIVE)));
-    let in_pixels = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
-        0.5 * (matrix[(i, j)] + matrix[(j, i)]) / (scale[i] * scale[j])
-    });
-    let mut eigen = in_pixels.symmetric_eigen();
-    let least = FLAT * eigen.eigenvalues.amax();
-    eigen.eigenvalues.apply(|value| *value = value.max(least));
-    let mut convex = eigen.recompose();
-    for (j, mut column) in convex.column_iter_mut().enumerate() {
-        column.iter_mut().enumerate().for_each(|(i, x)| *x *= scale[i] * scale[j]);
-    }
-    convex
+/// A Hessian made symmetric and positive definite: no direction has less than a small share of the Fisher information. `None` where
+/// the photo says nothing of one.
+fn convex(hessian: &DMatrix<f64>, fisher: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let unit = fisher.clone().cholesky()?.l();
+    let inverse = unit.clone().try_inverse()?;
+    let mut eigen = (0.5 * &inverse * (hessian + hessian.transpose()) * inverse.transpose()).symmetric_eigen();
+    eigen.eigenvalues.apply(|value| *value = value.max(FLAT));
+    Some(&unit * eigen.recompose() * unit.transpose())
 }
 
 /// The samples without those of each region: halves of halves, with as many samples in each.
@@ -325,6 +320,7 @@ impl Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Matrix2;
     use texreg_lie::Pose;
 
     /// Numbers without a pattern, from −1 to 1.
@@ -380,9 +376,17 @@ mod tests {
 
     #[test]
     fn what_has_no_curvature_is_given_a_little() {
-        let matrix = DMatrix::from_row_slice(2, 2, &[4.0, 0.0, 0.0, -1.0]);
-        let convex = convex(&matrix, &[1.0, 2.0]);
-        assert!((convex[(0, 0)] - 4.0).abs() < 1e-12 && (convex[(1, 1)] - 4.0 * 4.0 * FLAT).abs() < 1e-12, "{convex}");
+        let turn = Matrix2::new(0.8, -0.6, 0.6, 0.8);
+        let matrix = |first: f64, second: f64| {
+            let inner = turn * Matrix2::new(first, 0.0, 0.0, second) * turn.transpose();
+            DMatrix::from_iterator(2, 2, inner.iter().copied())
+        };
+        let fisher = matrix(16.0, 9.0);
+        for (hessian, expected) in [((4.0, 2.0), (4.0, 2.0)), ((4.0, -1.0), (4.0, 9.0 * FLAT))] {
+            let convex = convex(&matrix(hessian.0, hessian.1), &fisher).unwrap();
+            assert!((convex - matrix(expected.0, expected.1)).amax() < 1e-12);
+        }
+        assert!(convex(&fisher, &matrix(1.0, 0.0)).is_none());
     }
 
     #[test]
