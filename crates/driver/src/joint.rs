@@ -320,7 +320,7 @@ impl Joint<'_> {
 
     /// The verdict on where a photo came to; the start is handed back where that is better.
     fn judge(&mut self, i: usize) {
-        let Similarity { value: similarity, gain, covered } = self.similarity(i);
+        let Similarity { value: similarity, gain, covered, .. } = self.similarity(i);
         let limits = self.photos[i].limits(self.options.refine, &self.expected(i));
         let (photo, found) = (self.photos[i], &mut self.found[i]);
         let model = photo.model;
