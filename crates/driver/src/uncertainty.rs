@@ -67,8 +67,8 @@ const FLAT: f64 = 0.02;
 /// Points of the surface that stand for all of it.
 const PROBES: usize = 300;
 
-/// A surface that is looser than this share of the photo's diagonal is not registered.
-const LOOSE: f64 = 0.002;
+/// A surface that is looser than this share of the photo's diagonal is not registered: three quarters of what counts as found.
+const LOOSE: f64 = 0.0015;
 
 /// A focal length that is looser than this, in percent, and bound to the distance like this, has not been found.
 const LOOSE_FOCAL: f64 = 2.0;
