@@ -66,7 +66,8 @@ pub fn register_jointly(
         let view = photo.model.inward(&outcome.view);
         found.push(Found { start, view, outcome, findings, apart: false });
     }
-    let mut joint = Joint { photos: order.iter().map(|&i| &photos[i]).collect(), options, found };
+    let lens = median(found.iter().map(|found: &Found| found.start.camera));
+    let mut joint = Joint { photos: order.iter().map(|&i| &photos[i]).collect(), options, lens, found };
     let ran = joint.run(&mut |stage, view| {
         done = (done + 1).min(of);
         let event = Event { done, of, stage: stage.clone(), view: *view };
@@ -92,6 +93,8 @@ struct Found {
 struct Joint<'a> {
     photos: Vec<&'a Registration<'a>>,
     options: &'a Options,
+    /// What photos of one camera are expected to have: the median of the starts'.
+    lens: Camera,
     found: Vec<Found>,
 }
 
@@ -136,11 +139,7 @@ impl Joint<'_> {
 
     /// The camera that a photo is expected to have.
     fn expected(&self, i: usize) -> Camera {
-        if self.shared() && !self.found[i].apart {
-            median(self.found.iter().map(|found| found.start.camera))
-        } else {
-            self.found[i].start.camera
-        }
+        if self.shared() && !self.found[i].apart { self.lens } else { self.found[i].start.camera }
     }
 
     /// A photo's view within the bounds.

@@ -160,6 +160,8 @@ struct Runner {
     view: View,
     /// The gain of its climb on the coarsest level.
     coarse: f64,
+    /// Whether it set out from the first of the views, the one that was hoped for.
+    is_first: bool,
 }
 
 /// Where a race ended.
@@ -349,25 +351,26 @@ impl<'a> Registration<'a> {
     fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Finish, Error> {
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
-        let mut runners: Vec<Runner> = field.views.iter().map(|&view| Runner { view, coarse: 0.0 }).collect();
+        let mut runners: Vec<Runner> =
+            field.views.iter().enumerate().map(|(i, &view)| Runner { view, coarse: 0.0, is_first: i == 0 }).collect();
         let mut rival = 0.0;
         for index in std::iter::once(coarsest).chain((0..=second).rev()) {
             let began = Instant::now();
             let mesh = if index == coarsest { &self.model.coarse } else { self.model.mesh };
-            let run = |sampler: &mut Sampler, (place, runner): (usize, Runner)| {
+            let run = |sampler: &mut Sampler, runner: Runner| {
                 let climb = self.climb(sampler, index, &runner.view, &field.start, field.refine)?;
                 let evidence = if index < second { 0.0 } else { (field.evidence)(self, &climb.view) };
                 let coarse = if index == coarsest { climb.gain } else { runner.coarse };
-                Some((climb.excess + evidence, place, Runner { view: climb.view, coarse }, climb))
+                Some((climb.excess + evidence, Runner { view: climb.view, coarse, ..runner }, climb))
             };
-            let mut ends: Vec<(f64, usize, Runner, Climb)> = if runners.len() == 1 {
-                runners.into_iter().enumerate().filter_map(|runner| run(sampler, runner)).collect()
+            let mut ends: Vec<(f64, Runner, Climb)> = if runners.len() == 1 {
+                runners.into_iter().filter_map(|runner| run(sampler, runner)).collect()
             } else {
                 let own = || Sampler::new(mesh, &*self.model.signal);
-                runners.into_par_iter().enumerate().map_init(own, run).flatten().collect()
+                runners.into_par_iter().map_init(own, run).flatten().collect()
             };
             ends.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let (_, _, first, best) = ends.first().ok_or(Error::NothingVisible)?;
+            let (_, first, best) = ends.first().ok_or(Error::NothingVisible)?;
             let evaluations = ends.iter().map(|(.., climb)| climb.evaluations).sum();
             let renderings = ends.iter().map(|(.., climb)| climb.renderings).sum();
             course.tell(stage(climb_name(index), began, evaluations, renderings, best.similarity), &best.view)?;
@@ -376,18 +379,17 @@ impl<'a> Registration<'a> {
             let (most, least) =
                 if index == coarsest { (field.finalists, f64::MIN) } else { (RIVALS, RIVALRY * best.excess) };
             runners = vec![*first];
-            for (_, place, runner, climb) in &ends {
-                // The first of the views is the one that was hoped for.
-                let is_kept = runners.len() < most && climb.excess >= least || index == coarsest && *place == 0;
+            for (_, runner, climb) in &ends {
+                let is_kept = runners.len() < most && climb.excess >= least || index == coarsest && runner.is_first;
                 if is_kept && runners.iter().all(|other| apart(&other.view, &runner.view)) {
                     runners.push(*runner);
                 }
             }
-            if let Some((.., climb)) = ends.iter().find(|(_, _, runner, _)| apart(&runner.view, &best.view)) {
+            if let Some((.., climb)) = ends.iter().find(|(_, runner, _)| apart(&runner.view, &best.view)) {
                 rival = climb.excess / best.excess;
             }
         }
-        let Runner { view, coarse } = runners[0];
+        let Runner { view, coarse, .. } = runners[0];
         let similarity = self.similarity(sampler, &view).unwrap_or_default();
         Ok(Finish { view, similarity, coarse, rival })
     }

@@ -20,6 +20,7 @@ mod occlusion;
 mod off;
 mod part;
 mod ply;
+mod quietly;
 mod signal;
 mod simplify;
 mod stl;

@@ -1,36 +1,12 @@
 //! Loading a model: the format is told by the first bytes and by the file's name.
-use std::cell::Cell;
 use std::fs::File;
 use std::io::{Read, Seek};
-use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
-use std::sync::Once;
 
 use crate::error::Error;
 use crate::mesh::Mesh;
+use crate::quietly::quietly;
 use crate::{e57, gltf, las, mlp, obj, off, ply, stl};
-
-thread_local! {
-    /// Whether this thread is in a decoder whose panics are ours to tell.
-    static DECODING: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Runs a decoder of others, which may panic on a damaged file; `None` if it did, and nothing is printed.
-fn quietly<T>(decode: impl FnOnce() -> T) -> Option<T> {
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let others = panic::take_hook();
-        panic::set_hook(Box::new(move |info| {
-            if !DECODING.get() {
-                others(info);
-            }
-        }));
-    });
-    DECODING.set(true);
-    let result = panic::catch_unwind(AssertUnwindSafe(decode));
-    DECODING.set(false);
-    result.ok()
-}
 
 /// Loads a model from a PLY, OBJ, STL, OFF, glTF, LAS, LAZ or E57 file, or all meshes of a MeshLab project.
 ///
