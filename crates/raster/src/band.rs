@@ -7,6 +7,7 @@
 use crate::corner::{Corner, SUBPIXEL_BITS, first_pixel, twice_area};
 use crate::three::each;
 use fearless_simd::{f32x8, i32x8, prelude::*, u32x8, u64x4};
+use std::ops::Range;
 
 /// Pixels looked at together.
 const LANES: usize = 8;
@@ -36,6 +37,8 @@ pub(crate) struct Band<'a> {
     pub(crate) width: i32,
     pub(crate) height: i32,
     pub(crate) keys: &'a mut [u64],
+    /// Which columns of each row of tiles may show anything; elsewhere the keys mean nothing.
+    pub(crate) spans: &'a mut Vec<Range<usize>>,
 }
 
 /// The side of a triangle in front of which its inside lies. With e the edge function, in square units, and b = −1 if
@@ -78,6 +81,20 @@ struct Setup {
 }
 
 impl Band<'_> {
+    /// Begins with background; negative tiles, row by row, are not going to be drawn into.
+    #[inline(always)]
+    pub(crate) fn clear(&mut self, tiles: &[f32]) {
+        let width = self.width as usize;
+        self.spans.clear();
+        for (tiles, rows) in tiles.chunks(width.div_ceil(TILE)).zip(self.keys.chunks_mut(width * TILE)) {
+            let first = tiles.iter().position(|&tile| tile >= 0.0).unwrap_or_default();
+            let end = tiles.iter().rposition(|&tile| tile >= 0.0).map_or(0, |last| last + 1);
+            let span = first * TILE..(end * TILE).min(width);
+            rows.chunks_exact_mut(width).for_each(|row| row[span.clone()].fill(0));
+            self.spans.push(span);
+        }
+    }
+
     /// Shows a triangle at a pixel, by its index in the band, unless something nearer is there.
     #[inline(always)]
     pub(crate) fn put(&mut self, pixel: usize, w: f32, face: u32) {
@@ -118,32 +135,27 @@ impl Band<'_> {
     fn fill_medium<S: Simd>(&mut self, simd: S, face: u32, setup: &Setup) {
         let Setup { sides, w, rest, x, y, .. } = setup;
         let lanes = i32x8::load_array(simd, [0, 1, 2, 3, 4, 5, 6, 7]);
-        let across = each(
-            [0, 1, 2],
-            #[inline(always)]
-            |k: usize| lanes * sides[k].right,
-        );
-        let mut row = each(
-            [0, 1, 2],
-            #[inline(always)]
-            |k: usize| sides[k].edge as i32,
-        );
         let faces = u32x8::splat(simd, !face);
-        for y in y[0]..=y[1] {
-            for x_lane in (x[0]..=x[1]).step_by(LANES) {
-                // The last pixels of a row are looked at together with some before them.
-                let start = x_lane.min(self.width - LANES as i32);
-                let edges = each(
-                    [0, 1, 2],
-                    #[inline(always)]
-                    |k: usize| across[k] + (row[k] + (start - x[0]) * sides[k].right),
-                );
-                let covered = (edges[0] | edges[1] | edges[2]).simd_ge(0);
+        let none = u32x8::splat(simd, 0);
+        for x_lane in (x[0]..=x[1]).step_by(LANES) {
+            // The last pixels of a row are looked at together with some before them.
+            let start = x_lane.min(self.width - LANES as i32);
+            let mut edges = each(
+                [0, 1, 2],
+                #[inline(always)]
+                |k: usize| lanes * sides[k].right + (sides[k].edge as i32 + (start - x[0]) * sides[k].right),
+            );
+            for y in y[0]..=y[1] {
+                let [e0, e1, e2] = edges;
+                for k in 0..3 {
+                    edges[k] += sides[k].down;
+                }
+                let covered = (e0 | e1 | e2).simd_ge(0);
                 if !covered.any_true() {
                     continue;
                 }
                 let [e0, e1, e2] = each(
-                    edges,
+                    [e0, e1, e2],
                     #[inline(always)]
                     |edge| edge.to_float::<f32x8<S>>(),
                 );
@@ -151,7 +163,6 @@ impl Band<'_> {
                 let index = ((y - self.top) * self.width + start) as usize;
                 let there = &mut self.keys[index..index + LANES];
                 // Uncovered pixels get the key of background, which never wins.
-                let none = u32x8::splat(simd, 0);
                 let high = covered.select(here.to_bits(), none);
                 let (low, high) = covered.select(faces, none).interleave(high);
                 let (first, last) = there.split_at_mut(LANES / 2);
@@ -160,20 +171,19 @@ impl Band<'_> {
                     here.max(u64x4::from_slice(simd, there)).store_slice(there);
                 }
             }
-            for k in 0..3 {
-                row[k] += sides[k].down;
-            }
         }
     }
 
-    /// 1/z of the farthest pixel in each tile, row by row of tiles; 0 where there is background.
+    /// 1/z of the farthest pixel in each tile that may show anything, row by row of tiles; 0 where there is background.
     #[inline(always)]
     pub(crate) fn farthest(&self, tiles: &mut [f32]) {
         let width = self.width as usize;
-        for (tiles, rows) in tiles.chunks_mut(width.div_ceil(TILE)).zip(self.keys.chunks(width * TILE)) {
+        let rows = tiles.chunks_mut(width.div_ceil(TILE)).zip(self.keys.chunks(width * TILE));
+        for ((tiles, rows), span) in rows.zip(self.spans.iter()) {
+            let tiles = &mut tiles[span.start / TILE..span.end.div_ceil(TILE)];
             tiles.fill(f32::INFINITY);
             for row in rows.chunks_exact(width) {
-                for (tile, keys) in tiles.iter_mut().zip(row.chunks(TILE)) {
+                for (tile, keys) in tiles.iter_mut().zip(row[span.clone()].chunks(TILE)) {
                     let least = keys.iter().fold(u64::MAX, |least, &key| least.min(key));
                     *tile = tile.min(unlock(least).0);
                 }

@@ -4,9 +4,10 @@ use crate::band::{Band, TILE, unlock};
 use crate::meshlets::Meshlets;
 use crate::projector::{Lens, Projector};
 use crate::sight::{Seen, Sight};
-use crate::{GBuffer, Options, Raycaster, Triangles};
+use crate::{GBuffer, NO_FACE, Options, Raycaster, Triangles};
 use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use texreg_camera::Camera;
 use texreg_lie::Pose;
@@ -45,6 +46,7 @@ struct Workspace {
     keys: Vec<u64>,
     /// A depth for each tile of the band.
     tiles: Vec<f32>,
+    spans: Vec<Range<usize>>,
 }
 
 impl Default for Renderer {
@@ -119,13 +121,12 @@ impl Renderer {
         let finisher = Finisher { level, mesh, raycaster: Raycaster::new(camera, camera_from_mesh), width };
         let draw = |(k, (strip, shown)): (usize, (Strip, &Vec<Seen>))| {
             let mut workspace = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
-            let Workspace { keys, tiles } = &mut workspace;
-            keys.clear();
+            let Workspace { keys, tiles, spans } = &mut workspace;
             keys.resize(strip.depth.len(), 0);
             let (top, height) = ((k * rows) as i32, (strip.depth.len() / width) as i32);
-            let mut band = Band { top, width: width as i32, height, keys };
+            let mut band = Band { top, width: width as i32, height, keys, spans };
             sight.draw(shown, options.cull_back_faces, &mut band, tiles);
-            finisher.finish(k * rows * width, keys, strip);
+            finisher.finish(k * rows * width, &band, strip);
             self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
         };
         let strips: Vec<_> = strips(gbuffer, rows * width).zip(&self.shown).enumerate().collect();
@@ -179,12 +180,21 @@ struct Finisher<'a> {
 
 impl Finisher<'_> {
     /// `first` is the index of the first pixel in the picture.
-    fn finish(&self, first: usize, keys: &[u64], strip: Strip) {
+    fn finish(&self, first: usize, band: &Band, strip: Strip) {
         let Strip { depth, face, barycentric } = strip;
+        let rows = depth.chunks_exact_mut(self.width).zip(face.chunks_exact_mut(self.width));
         dispatch!(self.level, _simd => {
-            for ((&key, depth), face) in keys.iter().zip(depth.iter_mut()).zip(face.iter_mut()) {
-                let (w, id) = unlock(key);
-                (*depth, *face) = (1.0 / w, id);
+            for (((depth, face), keys), y) in rows.zip(band.keys.chunks_exact(self.width)).zip(0..) {
+                let span = &band.spans[y / TILE];
+                for beside in [0..span.start, span.end..self.width] {
+                    depth[beside.clone()].fill(f32::INFINITY);
+                    face[beside].fill(NO_FACE);
+                }
+                let there = depth[span.clone()].iter_mut().zip(&mut face[span.clone()]);
+                for ((depth, face), &key) in there.zip(&keys[span.clone()]) {
+                    let (w, id) = unlock(key);
+                    (*depth, *face) = (1.0 / w, id);
+                }
             }
         });
         let mut raycaster = self.raycaster.clone();

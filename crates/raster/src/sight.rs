@@ -88,12 +88,13 @@ impl Sight<'_> {
             let rows = first.max(top) - top..(last + 1 - top).min(rows);
             rows.map(move |row| row * columns + left..row * columns + right + 1)
         };
-        // The nearest far end in each tile.
+        // The nearest far end in each tile, negative where there is none.
         tiles.clear();
-        tiles.resize(columns * rows, 0.0);
+        tiles.resize(columns * rows, -1.0);
         for seen in shown {
             reach(seen).for_each(|range| tiles[range].iter_mut().for_each(|tile| *tile = tile.max(seen.w[0])));
         }
+        band.clear(tiles);
         let slope = STEEPEST * TILE as f32 / self.projector.focal();
         let mut hidden = Vec::new();
         for seen in shown {
