@@ -1,11 +1,14 @@
 //! Bad input: each a one-line error that names the file and says what to do, and the exit status the README states.
 
 mod common;
+#[path = "../crates/surface/tests/scans/mod.rs"]
+mod scans;
 
 use std::fs;
 use std::path::PathBuf;
 
 use common::{Run, fixture, run};
+use scans::{ScanPoint, e57, las};
 use serde_json::{Value, json};
 
 /// A folder with a small model, a photo of nothing, and files about it, to be broken one at a time.
@@ -90,6 +93,41 @@ fn the_bench_itself_is_sound() {
     let run = bench.register_pairs();
     assert!(run.status == 0 || run.status == 3, "{run:?}");
     assert!(bench.path("out/cameras.json").is_file());
+}
+
+/// Scans of a wall, each in a file of its format.
+fn scans() -> [(&'static str, Vec<u8>); 3] {
+    let points: Vec<ScanPoint> = (0..200).map(|i| ScanPoint::grid(i, 20)).collect();
+    [("scan.las", las(&points, false)), ("scan.laz", las(&points, true)), ("scan.e57", e57(&points, [0.0; 3]))]
+}
+
+#[test]
+fn broken_scans() {
+    let bench = Bench::new();
+    for (name, whole) in scans() {
+        let render = |bytes: &[u8]| {
+            bench.put(name, bytes);
+            bench.run(&format!("render {name} --cameras init.json -o out"))
+        };
+        assert_eq!(render(&whole).status, 0, "the bench itself is sound");
+        for kept in [5, 50, 200, whole.len() / 2, whole.len() - 100] {
+            render(&whole[..kept]).fails_with(&[name]);
+        }
+        let mut other = whole.clone();
+        other[..4].copy_from_slice(b"none");
+        render(&other).fails_with(&[name]);
+        // Any other byte may be one of a coordinate, and then there is a point elsewhere.
+        for at in (4..whole.len()).step_by(whole.len() / 40) {
+            let mut flipped = whole.clone();
+            flipped[at] ^= 0xff;
+            let run = render(&flipped);
+            if run.status == 0 {
+                assert_eq!(run.stderr, "", "{name}, byte {at}");
+            } else {
+                run.fails_with(&[name]);
+            }
+        }
+    }
 }
 
 #[test]

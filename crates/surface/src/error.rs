@@ -1,6 +1,6 @@
 //! What can be wrong with a model, said in one line: the file, the place in it, the cause and, where it helps, what to do.
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A model file that could not be loaded.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +47,21 @@ pub enum Error {
         /// What is wrong with the surface.
         defect: Defect,
     },
+}
+
+impl Error {
+    /// The longest cause that is told in full, in characters.
+    const LONGEST: usize = 200;
+
+    /// What a decoder says of a file, in a line, whatever of the file it quotes.
+    pub(crate) fn damaged(path: &Path, cause: &str) -> Self {
+        let mut line: String =
+            cause.chars().take(Self::LONGEST).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        if cause.chars().nth(Self::LONGEST).is_some() {
+            line.push('…');
+        }
+        Error::Damaged { path: path.to_owned(), cause: line }
+    }
 }
 
 /// A place in a file.

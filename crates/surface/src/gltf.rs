@@ -17,9 +17,9 @@ use crate::part::{Part, assemble};
 
 /// Reads the model in a `.glb`, or in a `.gltf` and the buffers beside it.
 pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Mesh, Error> {
-    let damaged = |cause: String| Error::Damaged { path: path.to_owned(), cause };
+    let damaged = |cause: String| Error::damaged(path, &cause);
     let gltf::Gltf { document, mut blob } =
-        gltf::Gltf::from_slice(bytes).map_err(|error| damaged(error.to_string().replace('\n', " ")))?;
+        gltf::Gltf::from_slice(bytes).map_err(|error| damaged(error.to_string()))?;
     let mut buffers = Vec::new();
     for buffer in document.buffers() {
         let bytes = match buffer.source() {

@@ -47,7 +47,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Mesh, Error> {
         ply::read(&source, path)
     } else if las::is_las(&magic) || e57::is_e57(&magic) {
         file.rewind().map_err(io)?;
-        let damaged = |cause| Error::Damaged { path: path.to_owned(), cause };
+        let damaged = |cause: String| Error::damaged(path, &cause);
         let defective = |defect| Error::Defect { path: path.to_owned(), place: None, defect };
         let decode = || match las::is_las(&magic) {
             true => las::read(file, damaged, defective),

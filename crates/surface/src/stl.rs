@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::mesh::{Attributes, Mesh};
 
 pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Mesh, Error> {
-    let damaged = |cause: String| Error::Damaged { path: path.to_owned(), cause };
+    let damaged = |cause: String| Error::damaged(path, &cause);
     // A binary file says how many triangles it has; the parser would take its word for it.
     let is_text = bytes.starts_with(b"solid") && bytes.iter().take(512).all(u8::is_ascii);
     let count = bytes.get(80..84).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
