@@ -82,6 +82,13 @@ fn layers_show_what_they_say() {
     // 0 at the left and 1 at the right edge, background 0.
     let (left, right) = (at(SignalName::Reflectance, 101, 100)[0], at(SignalName::Reflectance, 199, 100)[0]);
     assert!((25..30).contains(&left) && right > 250, "{left} {right}");
+    // However shallow the model is, its depth takes all greys but the background's.
+    let signal = joint_signal(&mesh, &[SignalName::Depth]).unwrap();
+    let tilted = Rotation3::from_axis_angle(&Vector3::y_axis(), 0.1);
+    let pose = Pose::new(tilted, Vector3::new(0.0, 0.0, 4.0) - tilted * mesh.origin);
+    let depth = layer(&mesh, &*signal, &View { camera: view.camera, pose });
+    let seen = || depth.pixels().map(|pixel| pixel[0]).filter(|&grey| grey > 0);
+    assert_eq!((seen().min(), seen().max()), (Some(26), Some(255)));
 }
 
 #[test]

@@ -91,6 +91,11 @@ pub trait Signal: Send + Sync {
 
     /// Red, green and blue of the point in a picture of the signal, 0 to 1 each. It varies smoothly, where bins have steps.
     fn colour(&self, point: &Surfel) -> [f32; 3];
+
+    /// Whether colours mean something beside one another only, so that a picture may take all the contrast there is.
+    fn is_relative(&self) -> bool {
+        false
+    }
 }
 
 /// Two predictions at once: a bin for each pair of their bins.
@@ -129,6 +134,10 @@ impl<S: Signal + ?Sized> Signal for Box<S> {
 
     fn colour(&self, point: &Surfel) -> [f32; 3] {
         (**self).colour(point)
+    }
+
+    fn is_relative(&self) -> bool {
+        (**self).is_relative()
     }
 }
 

@@ -47,6 +47,10 @@ impl Signal for Depth {
     fn colour(&self, point: &Surfel) -> [f32; 3] {
         grey(1.0 - self.relative(point))
     }
+
+    fn is_relative(&self) -> bool {
+        true
+    }
 }
 
 /// The model as against its background: one bin for all of it.
