@@ -98,28 +98,28 @@ pub(crate) fn splats(
         normal.try_normalize(1e-12).filter(|n| n.iter().all(|x| x.is_finite()))
     };
     let cells = cells(points, &given);
-    let squares: Vec<([[f32; 3]; 4], [f32; 3])> = cells
+    let (squares, directions): (Vec<[[f32; 3]; 4]>, Vec<[f32; 3]>) = cells
         .into_par_iter()
         .enumerate()
         .map(|(i, cell)| {
             let point = Vector3::from(points[i].map(f64::from));
             let towards = Vector3::from(scanner(i)) - Vector3::from(origin) - point;
             let (corners, normal) = cell.square(given(i), &towards);
-            (corners.map(|corner| (point + corner).map(|x| x as f32).into()), normal.map(|x| x as f32).into())
+            let single = |v: Vector3<f64>| <[f32; 3]>::from(v.map(|x| x as f32));
+            (corners.map(|corner| single(point + corner)), single(normal))
         })
-        .collect();
+        .unzip();
     let triangles =
         (0..points.len() as u32).flat_map(|i| [[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
     let attributes = Attributes {
-        normals: Some(squares.iter().flat_map(|(_, normal)| [*normal; 4]).collect()),
+        normals: Some(fourfold(directions)),
         reflectance: reflectance.map(fourfold),
         colours: colours.map(fourfold),
         ambient_occlusion: ambient_occlusion.map(fourfold),
         mean_curvature: mean_curvature.map(fourfold),
         uvs: None,
     };
-    let corners = squares.into_iter().flat_map(|(corners, _)| corners).collect();
-    let mesh = Mesh::assemble(origin, corners, triangles.collect(), attributes);
+    let mesh = Mesh::assemble(origin, squares.into_flattened(), triangles.collect(), attributes);
     Ok(Mesh { is_cloud: true, points: points.to_vec(), ..mesh })
 }
 
@@ -227,9 +227,9 @@ struct Cell {
     is_line: bool,
     /// The unit normal, unless the neighbours lie on a line.
     normal: Option<Vector3<f64>>,
-    /// Two orthogonal directions of the tangent plane, the first of them the neighbours' main direction.
-    axes: [Vector3<f64>; 2],
-    /// How far the cell reaches along and against each of them; infinite where no neighbour bounds it.
+    /// The neighbours' main direction, in the tangent plane.
+    along: Vector3<f64>,
+    /// How far the cell reaches along and against it, and across it; infinite where no neighbour bounds it.
     reach: [[f64; 2]; 2],
 }
 
@@ -238,11 +238,11 @@ impl Cell {
     fn among(neighbours: &[Vector3<f64>], given: Option<Vector3<f64>>, spacing: f64) -> Self {
         let ([third, second, first], [normal, _, along]) = principal_axes(neighbours);
         let is_line = second <= LINE * first;
-        let mut cell = Self { is_line, normal: None, axes: [along, Vector3::zeros()], reach: [[f64::INFINITY; 2]; 2] };
+        let mut cell = Self { is_line, normal: None, along, reach: [[f64::INFINITY; 2]; 2] };
         if !is_line {
             cell.lie_on(given.unwrap_or(normal), neighbours);
         }
-        cell.reach[0] = reach(neighbours, &cell.axes[0]);
+        cell.reach[0] = reach(neighbours, &cell.along);
         let most = if third > THICK * second { spacing } else { STRAY * spacing };
         let limited = |reach: f64| if reach.is_finite() { reach.min(most) } else { reach };
         cell.reach = cell.reach.map(|reach| reach.map(limited));
@@ -267,23 +267,22 @@ impl Cell {
 
     /// Puts the cell onto the plane with a normal, and bounds it across the main direction.
     fn lie_on(&mut self, normal: Vector3<f64>, neighbours: &[Vector3<f64>]) {
-        let along = self.axes[0] - normal * normal.dot(&self.axes[0]);
-        let along = along.try_normalize(1e-6).unwrap_or_else(|| orthogonal(&normal));
-        self.axes = [along, normal.cross(&along)];
+        let along = self.along - normal * normal.dot(&self.along);
+        self.along = along.try_normalize(1e-6).unwrap_or_else(|| orthogonal(&normal));
         self.normal = Some(normal);
-        self.reach[1] = reach(neighbours, &self.axes[1]);
+        self.reach[1] = reach(neighbours, &normal.cross(&self.along));
     }
 
     /// The corners of the square from the point, counter-clockwise about the normal, and the normal: the given one, or one
     /// that looks `towards` the scanner.
     fn square(&self, given: Option<Vector3<f64>>, towards: &Vector3<f64>) -> ([Vector3<f64>; 4], Vector3<f64>) {
-        let [along, across] = self.axes;
+        let along = self.along;
         let normal = given.or(self.normal).unwrap_or_else(|| {
             let facing = towards.map(|x| x.clamp(-1e12, 1e12));
             (facing - along * along.dot(&facing)).try_normalize(1e-12).unwrap_or_else(|| orthogonal(&along))
         });
         let normal = if given.is_none() && normal.dot(towards) < 0.0 { -normal } else { normal };
-        let across = if self.normal.is_some() { across } else { normal.cross(&along) };
+        let across = self.normal.unwrap_or(normal).cross(&along);
         let [a, b] = self.reach.map(balanced);
         let (a, b) = (a.or(b).unwrap_or_default(), b.or(a).unwrap_or_default());
         let corner = |x: f64, y: f64| (along * x + across * y) * OVERLAP;

@@ -21,9 +21,10 @@ pub fn area_weighted_normals(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> 
     normals.par_chunks_mut(share).enumerate().for_each(|(i, sums)| {
         let start = (i * share) as u32;
         let range = Range { low: start, high: start + (sums.len() - 1) as u32 };
-        for (block, _) in blocks.iter().filter(|(_, block)| block.meets(range)) {
+        for (block, reach) in blocks.iter().filter(|(_, block)| block.meets(range)) {
+            let within = range.low <= reach.low && reach.high <= range.high;
             for triangle in *block {
-                if triangle.iter().all(|&i| i.wrapping_sub(start) >= sums.len() as u32) {
+                if !within && triangle.iter().all(|&i| i.wrapping_sub(start) >= sums.len() as u32) {
                     continue;
                 }
                 let normal = cross(triangle.map(|i| positions[i as usize]), scale);

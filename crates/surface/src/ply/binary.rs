@@ -89,7 +89,7 @@ impl<const K: usize> Column<K> {
 
     /// The loop itself, one for each type.
     #[inline]
-    fn decode<const N: usize>(&self, bytes: &[u8], value: impl Fn([u8; N]) -> f64, mut f: impl FnMut([f64; K])) {
+    fn decode<const N: usize, T>(&self, bytes: &[u8], value: impl Fn([u8; N]) -> T, mut f: impl FnMut([T; K])) {
         for record in bytes.chunks_exact(self.stride) {
             f(self.offsets.map(|offset| {
                 let mut raw = [0; N];
@@ -102,12 +102,27 @@ impl<const K: usize> Column<K> {
     /// Writes one output a record.
     #[inline]
     fn fill<T>(&self, bytes: &[u8], out: &mut [T], convert: impl Fn([f64; K]) -> T) {
-        let mut out = out.iter_mut();
-        self.each(bytes, |values| {
-            if let Some(out) = out.next() {
-                *out = convert(values);
-            }
-        });
+        self.each(bytes, into(out, convert));
+    }
+
+    /// Writes integers, of which negative ones become great.
+    fn fill_integers(&self, bytes: &[u8], out: &mut [[u32; K]]) {
+        match (self.scalar, self.order) {
+            (Scalar::I32 | Scalar::U32, Order::Little) => self.decode(bytes, u32::from_le_bytes, into(out, |t| t)),
+            (Scalar::I32 | Scalar::U32, Order::Big) => self.decode(bytes, u32::from_be_bytes, into(out, |t| t)),
+            _ => self.fill(bytes, out, |t| t.map(|x| x as i64 as u32)),
+        }
+    }
+}
+
+/// Converts what it is called with into one output after the other.
+#[inline]
+fn into<T, U>(out: &mut [U], convert: impl Fn(T) -> U) -> impl FnMut(T) {
+    let mut out = out.iter_mut();
+    move |values| {
+        if let Some(out) = out.next() {
+            *out = convert(values);
+        }
     }
 }
 
@@ -372,8 +387,8 @@ impl Records for Body<'_> {
                 column.fill(bytes, uvs, |[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]].map(downwards));
             }
             // A negative index becomes a great one and is out of range like it.
-            column.fill(bytes, out, |t| t.map(|x| x as i64 as u32));
-            let greatest = out.iter().fold(0, |m, t| m.max(t[0]).max(t[1]).max(t[2]));
+            column.fill_integers(bytes, out);
+            let greatest = out.as_flattened().iter().fold(0, |m, &i| m.max(i));
             Some((start, greatest))
         })?;
         for part in greatest {
