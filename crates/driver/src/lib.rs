@@ -7,6 +7,7 @@ mod bounds;
 mod channel;
 mod climb;
 mod contour;
+mod counts;
 mod error;
 mod evaluate;
 mod grid;

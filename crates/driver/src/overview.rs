@@ -6,11 +6,11 @@
 //! is not. Bins are few and hard: no derivative is wanted.
 
 use crate::Photo;
+use crate::counts::Counts;
 use crate::model::{surrounds, viewpoint};
 use crate::palette::palette;
 use crate::samples::dither;
 use texreg_camera::View;
-use texreg_mi::{Joint, Metric, MutualInformation};
 use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, outline};
 use texreg_surface::{Mesh, Signal, Surfel};
 
@@ -35,6 +35,7 @@ pub(crate) struct Overview {
     pub(crate) colours: Vec<u16>,
     /// How many pixels have each colour.
     pub(crate) palette: Vec<u32>,
+    entropies: Counts,
 }
 
 /// The working memory of one thread.
@@ -42,7 +43,10 @@ pub(crate) struct Overview {
 pub(crate) struct Workspace {
     renderer: Renderer,
     picture: GBuffer,
+    /// What each pixel predicts.
     bins: Vec<u16>,
+    /// The pixels of each bin and colour, row by row; the background is the last row.
+    counts: Vec<u32>,
 }
 
 /// How well a view explains the picture, in nats.
@@ -56,7 +60,7 @@ pub(crate) struct Evidence {
 
 impl Evidence {
     /// Both, the whole picture counted twice: its values are smaller, as most of its pixels are background in any view.
-    pub(crate) fn total(self) -> f64 {
+    pub(crate) fn total(&self) -> f64 {
         2.0 * self.whole + self.near
     }
 }
@@ -78,32 +82,31 @@ impl Overview {
         };
         let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| mean(i % width, i / width)).collect();
         let colours = palette(&pixels, colours);
+        Self::of(factor, width, height, colours)
+    }
+
+    /// A picture of such pixels, row by row.
+    pub(crate) fn of(factor: usize, width: usize, height: usize, colours: Vec<u16>) -> Self {
         let mut palette = vec![0; colours.iter().max().map_or(0, |&most| usize::from(most) + 1)];
         colours.iter().for_each(|&colour| palette[usize::from(colour)] += 1);
-        Self { factor, width, height, colours, palette }
+        Self { factor, width, height, colours, palette, entropies: Counts::up_to(width * height) }
     }
 
     /// How much better a view explains the whole picture than the same rendering in eight other places, half the model's
     /// size away: what smooth surfaces explain of smooth backgrounds by chance, they explain there as well. `None` where
     /// the view shows nothing of the model.
     pub(crate) fn peak(&self, mesh: &Mesh, signal: &dyn Signal, workspace: &mut Workspace, view: &View) -> Option<f64> {
-        let evidence = self.evidence(mesh, signal, workspace, view)?;
-        let background = signal.bins() as u16;
-        let covered = workspace.bins.iter().filter(|&&bin| bin != background).count() as f64;
-        let away = (0.5 * covered.sqrt()).ceil() as i32;
-        let (width, height) = (self.width as i32, self.height as i32);
+        let (whole, covered) = self.whole(mesh, signal, workspace, view)?;
+        if covered == 0 && !surrounds(mesh, view) {
+            return None;
+        }
+        let away = (0.5 * f64::from(covered).sqrt()).ceil() as isize;
         let mut chance = 0.0;
         for (dx, dy) in [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)] {
-            let mut counts = vec![0u32; (usize::from(background) + 1) * self.palette.len()];
-            for (i, &colour) in self.colours.iter().enumerate() {
-                let (x, y) = (i as i32 % width + dx * away, i as i32 / width + dy * away);
-                let inside = (0..width).contains(&x) && (0..height).contains(&y);
-                let bin = if inside { workspace.bins[(y * width + x) as usize] } else { background };
-                counts[usize::from(bin) * self.palette.len() + usize::from(colour)] += 1;
-            }
-            chance += 0.125 * information(usize::from(background) + 1, &counts)?;
+            self.count(workspace, signal.bins(), (dx * away, dy * away));
+            chance += 0.125 * self.information(&workspace.counts, &self.palette)?;
         }
-        Some(evidence.whole - chance)
+        Some(whole - chance)
     }
 
     /// The evidence for a view; `None` where it shows nothing of the model.
@@ -114,56 +117,84 @@ impl Overview {
         workspace: &mut Workspace,
         view: &View,
     ) -> Option<Evidence> {
-        let Workspace { renderer, picture, bins } = workspace;
+        let (whole, covered) = self.whole(mesh, signal, workspace, view)?;
+        if surrounds(mesh, view) {
+            // A scan from inside ends where the scanner saw no farther: what is beside it is no background.
+            return Some(Evidence { whole, near: 0.0 });
+        }
+        if covered == 0 {
+            return None;
+        }
+        let (picture, counts) = (&workspace.picture, &mut workspace.counts);
+        let halo = outline(picture, BAND);
+        let share = SHARE * covered as f32 / halo.len() as f32;
+        let (model, background) = counts.split_at_mut(signal.bins() * self.palette.len());
+        background.fill(0);
+        for pixel in halo {
+            let i = pixel.pixel as usize;
+            if dither(i % self.width, i / self.width) < share {
+                background[usize::from(self.colours[i])] += 1;
+            }
+        }
+        let mut columns = background.to_vec();
+        for row in model.chunks_exact(columns.len()) {
+            columns.iter_mut().zip(row).for_each(|(sum, n)| *sum += n);
+        }
+        Some(Evidence { whole, near: self.information(counts, &columns)? })
+    }
+
+    /// Renders a view, and counts: the mutual information over the whole picture, and the pixels that show the model.
+    fn whole(
+        &self,
+        mesh: &Mesh,
+        signal: &dyn Signal,
+        workspace: &mut Workspace,
+        view: &View,
+    ) -> Option<(f64, u32)> {
+        let Workspace { renderer, picture, bins, .. } = workspace;
         let mut camera = view.camera.scaled(1.0 / self.factor as f64);
         (camera.width, camera.height) = (self.width as u32, self.height as u32);
-        let triangles = mesh.shape();
         let options = Options { parallel: false, ..Options::default() };
-        renderer.render(&triangles, &camera, &view.pose, &options, picture);
+        renderer.render(&mesh.shape(), &camera, &view.pose, &options, picture);
         let viewpoint = viewpoint(view);
-        let background = signal.bins();
+        let background = signal.bins() as u16;
         bins.clear();
         bins.extend(picture.face.iter().map(|&face| {
             if face == NO_FACE {
-                return background as u16;
+                return background;
             }
             let corners = mesh.triangles[face as usize];
             let surfel = Surfel { mesh, corners, weights: [1.0 / 3.0; 3], viewpoint: &viewpoint };
             signal.bin(&surfel) as u16
         }));
+        self.count(workspace, signal.bins(), (0, 0));
+        let model = &workspace.counts[..signal.bins() * self.palette.len()];
+        Some((self.information(&workspace.counts, &self.palette)?, model.iter().sum()))
+    }
+
+    /// Counts the colours of each bin with the rendering shifted by so many pixels.
+    fn count(&self, workspace: &mut Workspace, bins: usize, (dx, dy): (isize, isize)) {
+        let Workspace { bins: rendered, counts, .. } = workspace;
         let colours = self.palette.len();
-        let mut counts = vec![0u32; (background + 1) * colours];
-        for (&bin, &colour) in bins.iter().zip(&self.colours) {
-            counts[usize::from(bin) * colours + usize::from(colour)] += 1;
-        }
-        let whole = information(background + 1, &counts)?;
-        if surrounds(mesh, view) {
-            // A scan from inside ends where the scanner saw no farther: what is beside it is no background.
-            return Some(Evidence { whole, near: 0.0 });
-        }
-        let covered: u32 = counts[..background * colours].iter().sum();
-        if covered == 0 {
-            return None;
-        }
-        let halo = outline(picture, BAND);
-        let share = SHARE * covered as f32 / halo.len() as f32;
-        counts[background * colours..].fill(0);
-        for pixel in halo {
-            let i = pixel.pixel as usize;
-            if dither(i % self.width, i / self.width) < share {
-                counts[background * colours + usize::from(self.colours[i])] += 1;
+        counts.clear();
+        counts.resize(bins * colours, 0);
+        counts.extend(&self.palette);
+        let background = bins * colours;
+        let (width, height) = (self.width as isize, self.height as isize);
+        let columns = (-dx).clamp(0, width)..(width - dx).clamp(0, width);
+        for y in (-dy).clamp(0, height)..(height - dy).clamp(0, height) {
+            let from = &rendered[(y * width) as usize..][columns.start as usize..columns.end as usize];
+            let onto = &self.colours[((y + dy) * width + columns.start + dx) as usize..];
+            for (&bin, &colour) in from.iter().zip(onto) {
+                if usize::from(bin) != bins {
+                    counts[usize::from(bin) * colours + usize::from(colour)] += 1;
+                    counts[background + usize::from(colour)] -= 1;
+                }
             }
         }
-        Some(Evidence { whole, near: information(background + 1, &counts)? })
     }
-}
 
-/// Mutual information from counts, less what chance alone would show: G. Miller, *Note on the bias of information estimates*,
-/// in Information Theory in Psychology, 1955. `None` without a sample.
-fn information(rows: usize, counts: &[u32]) -> Option<f64> {
-    let total: u32 = counts.iter().sum();
-    let joint = Joint::from_masses(rows, counts.iter().map(|&count| f64::from(count)).collect());
-    let occupied = |density: &[f64]| density.iter().filter(|&&p| p > 0.0).count() as f64;
-    let freedom = occupied(joint.cells()) - occupied(&joint.model_marginal()) - occupied(&joint.photo_marginal()) + 1.0;
-    (total > 0).then(|| MutualInformation.value(&joint) - 0.5 * freedom / f64::from(total))
+    fn information(&self, counts: &[u32], columns: &[u32]) -> Option<f64> {
+        self.entropies.information(counts.chunks_exact(columns.len()), columns)
+    }
 }

@@ -41,7 +41,6 @@ use std::time::Instant;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Parzen, ranks};
 use texreg_optim::{Objective, Report};
-use texreg_surface::{Mesh, Signal};
 
 /// Registers one photo, starting from a rough view of the world.
 ///
@@ -121,9 +120,6 @@ pub(crate) const EFFORTS: [Effort; 3] = [
 /// deviations.
 const WIDER: Search = Search { rounds: 6, views: 200, elite: 25, deviation: 0.25, seed: 0 };
 const FAR: f64 = 1.5;
-
-/// The worth of a view of a mesh with a signal, by a small picture.
-type Score<'a> = dyn Fn(&Overview, &Mesh, &dyn Signal, &mut Workspace, &View) -> Option<f64> + Sync + 'a;
 
 /// Tells of each stage and keeps it.
 struct Course<'a, 'b> {
@@ -248,24 +244,23 @@ impl<'a> Registration<'a> {
         }
 
         let began = Instant::now();
-        let criteria: [fn(Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
         let narrow = Search { seed: self.options.seed, ..Search::default() };
-        let found = criteria.map(|criterion| {
-            self.around(&start, &narrow, &|overview, mesh, signal, workspace, view| {
-                overview.evidence(mesh, signal, workspace, view).map(criterion)
-            })
-        });
-        let found: Vec<_> = found.into_iter().collect::<Option<_>>().ok_or(Error::NothingVisible)?;
-        let renderings = found.iter().map(Vec::len).sum();
-        let best = found.last().and_then(|found| found.first()).map_or(0.0, |(score, _)| *score);
-        let before = self.evidence(&start).map_or(0.0, Evidence::total);
+        let look = |workspace: &mut Workspace, view: &View| self.evidence(workspace, view);
+        let criteria: [fn(&Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
+        let found = self.around(&start, &narrow, look, criteria).ok_or(Error::NothingVisible)?;
+        let renderings = found.iter().map(Vec::len).sum::<usize>() - narrow.views;
+        let best = found[1].first().map_or(0.0, |(score, _)| *score);
+        let evidence = |registration: &Registration, view: &View| {
+            registration.evidence(&mut Workspace::default(), view).map_or(0.0, |evidence| evidence.total())
+        };
+        let before = evidence(self, &start);
         course.tell(stage(self.search_name(), began, 0, renderings, (before, best)), &start)?;
         let mut field = Field {
-            views: self.distinct(&start, found),
+            views: self.distinct(&start, &found),
             start,
             refine,
             finalists: FINALISTS,
-            evidence: |registration, view| registration.evidence(view).map_or(0.0, Evidence::total),
+            evidence,
         };
         let mut finish = self.race(&mut sampler, &field, &mut course)?;
         if finish.similarity.value <= at_start {
@@ -280,14 +275,14 @@ impl<'a> Registration<'a> {
             course.of += self.levels.len() + 1;
             let began = Instant::now();
             let wider = Search { seed: self.options.seed, ..WIDER };
-            let found = self.around(&start, &wider, &Self::in_frame(self.model));
-            let found = found.ok_or(Error::NothingVisible)?;
-            let best = found.first().map_or(0.0, |(score, _)| *score);
-            course.tell(stage(self.search_name(), began, 0, found.len(), (0.0, best)), &finish.view)?;
-            field.views = self.distinct(&finish.view, vec![found]);
-            field.evidence = |registration, view| registration.peak(view);
+            let look = |workspace: &mut Workspace, view: &View| self.peak(workspace, view);
+            let found = self.around(&start, &wider, look, [|peak| *peak]).ok_or(Error::NothingVisible)?;
+            let best = found[0].first().map_or(0.0, |(score, _)| *score);
+            course.tell(stage(self.search_name(), began, 0, found[0].len(), (0.0, best)), &finish.view)?;
+            field.views = self.distinct(&finish.view, &found);
+            field.evidence = |registration, view| registration.prominence(view);
             let wide = self.race(&mut sampler, &field, &mut course)?;
-            let worth = |finish: &Finish| finish.similarity.excess + self.peak(&finish.view);
+            let worth = |finish: &Finish| finish.similarity.excess + self.prominence(&finish.view);
             if worth(&wide) > worth(&finish) {
                 finish = wide;
                 findings = self.findings(&finish, refine, &start, at_start);
@@ -394,14 +389,21 @@ impl<'a> Registration<'a> {
         Ok(Finish { view, similarity, coarse, rival })
     }
 
-    /// The views that a search around one of them looked at, the best first; `None` where the model is not in sight.
-    fn around(&self, start: &View, search: &Search, score: &Score) -> Option<Vec<(f64, View)>> {
+    /// The views that a search around one of them looked at, by each criterion, the best first; `None` where the model is not in
+    /// sight.
+    fn around<E: Send, const N: usize>(
+        &self,
+        start: &View,
+        search: &Search,
+        look: impl Fn(&mut Workspace, &View) -> Option<E> + Sync,
+        criteria: [fn(&E) -> f64; N],
+    ) -> Option<[Vec<(f64, View)>; N]> {
         let region = self.region(start)?;
         let limits = self.limits(Refine::default(), &start.camera);
-        let found = search.around(start, &region, |workspace, view| {
-            score(&self.overview, &self.model.coarse, &*self.model.signal, workspace, &limits.held(view))
-        });
-        Some(found.into_iter().map(|(score, view)| (score, limits.held(&view))).collect())
+        let look = |workspace: &mut Workspace, view: &View| look(workspace, &limits.held(view));
+        let mut found = search.around(start, &region, look, criteria);
+        found.iter_mut().flatten().for_each(|(_, view)| *view = limits.held(view));
+        Some(found)
     }
 
     /// The part of the model that a view shows.
@@ -413,24 +415,23 @@ impl<'a> Registration<'a> {
     }
 
     /// A view and the best found ones, the same number from each list, that might lie in different basins.
-    fn distinct(&self, first: &View, found: Vec<Vec<(f64, View)>>) -> Vec<View> {
+    fn distinct(&self, first: &View, found: &[Vec<(f64, View)>]) -> Vec<View> {
         let apart = APART / self.levels[self.levels.len() - 1].scale;
         let mut views = vec![*first];
-        let lists = found.len();
-        for (k, found) in found.into_iter().enumerate() {
-            self.extend(&mut views, found, apart, HYPOTHESES * (k + 1) / lists);
+        for (k, list) in found.iter().enumerate() {
+            self.extend(&mut views, list, apart, HYPOTHESES * (k + 1) / found.len());
         }
         views
     }
 
     /// Adds to views the best found that are each `apart` pixels of the photo from all before, up to `most`.
-    fn extend(&self, views: &mut Vec<View>, found: Vec<(f64, View)>, apart: f64, most: usize) {
+    fn extend(&self, views: &mut Vec<View>, found: &[(f64, View)], apart: f64, most: usize) {
         for (_, view) in found {
             if views.len() >= most {
                 break;
             }
-            if views.iter().all(|other| self.model.distance(other, &view) > apart) {
-                views.push(view);
+            if views.iter().all(|other| self.model.distance(other, view) > apart) {
+                views.push(*view);
             }
         }
     }
@@ -439,21 +440,19 @@ impl<'a> Registration<'a> {
         format!("search 1/{}", self.overview.factor)
     }
 
-    fn evidence(&self, view: &View) -> Option<Evidence> {
-        self.overview.evidence(&self.model.coarse, &*self.model.signal, &mut Workspace::default(), view)
-    }
-
-    /// How far a view stands out, as far as the model lies in the photo.
-    fn peak(&self, view: &View) -> f64 {
-        let peak = Self::in_frame(self.model);
-        peak(&self.overview, &self.model.coarse, &*self.model.signal, &mut Workspace::default(), view).unwrap_or(0.0)
+    fn evidence(&self, workspace: &mut Workspace, view: &View) -> Option<Evidence> {
+        self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
     }
 
     /// How far a view stands out from the same picture in other places, times the share of the model that lies in the photo.
-    fn in_frame(model: &Model) -> impl Fn(&Overview, &Mesh, &dyn Signal, &mut Workspace, &View) -> Option<f64> + Sync {
-        move |overview, mesh, signal, workspace, view| {
-            Some(overview.peak(mesh, signal, workspace, view)? * model.inside(view))
-        }
+    fn peak(&self, workspace: &mut Workspace, view: &View) -> Option<f64> {
+        let peak = self.overview.peak(&self.model.coarse, &*self.model.signal, workspace, view)?;
+        Some(peak * self.model.inside(view))
+    }
+
+    /// That, and zero for a view that shows nothing.
+    fn prominence(&self, view: &View) -> f64 {
+        self.peak(&mut Workspace::default(), view).unwrap_or(0.0)
     }
 
     /// Climbs through the levels from a view that is near already, without looking around: for comparisons of solvers and

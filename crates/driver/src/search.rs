@@ -37,51 +37,54 @@ impl Default for Search {
 }
 
 impl Search {
-    /// The views that were looked at and what they scored, less a doubt that grows with the distance from the start, the best
-    /// first. Views are of the model's frame.
-    pub(crate) fn around(
+    /// For each criterion the views that were looked at and what they scored by it, less a doubt that grows with the distance from
+    /// the start, the best first. Views are of the model's frame; the first round is the same for all criteria.
+    pub(crate) fn around<E: Send, const N: usize>(
         &self,
         start: &View,
         region: &Region,
-        score: impl Fn(&mut Workspace, &View) -> Option<f64> + Sync,
-    ) -> Vec<(f64, View)> {
+        look: impl Fn(&mut Workspace, &View) -> Option<E> + Sync,
+        criteria: [fn(&E) -> f64; N],
+    ) -> [Vec<(f64, View)>; N] {
         let mut random = StdRng::seed_from_u64(self.seed);
-        let mut mean = Vector6::zeros();
-        let mut covariance = Matrix6::identity() * self.deviation.powi(2);
-        let mut all: Vec<(f64, View)> = Vec::new();
-        for round in 0..self.rounds {
-            let Some(factor) = Cholesky::new(covariance) else { break };
-            let drawn: Vec<Vector6<f64>> = (0..self.views)
-                .map(|i| {
-                    // The first round looks near the start as well as far.
-                    let reach = if round > 0 { 1.0 } else { [1.0, 0.3][i % 2] };
-                    if round == 0 && i == 0 { mean } else { mean + factor.l() * normal(&mut random) * reach }
-                })
-                .collect();
-            let mut scored: Vec<(f64, Vector6<f64>, View)> = drawn
-                .into_par_iter()
-                .map_init(Workspace::default, |workspace, step| {
-                    let view = region.moved(start, &step);
-                    let doubt = DOUBT * step.norm_squared() / self.deviation.powi(2);
-                    Some((score(workspace, &view)? - doubt, step, view))
-                })
-                .flatten()
-                .collect();
-            scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let elite = &scored[..self.elite.min(scored.len())];
-            if elite.len() < 8 {
-                break;
+        let look = |steps: Vec<Vector6<f64>>| -> Vec<(E, Vector6<f64>, View)> {
+            let looked = steps.into_par_iter().map_init(Workspace::default, |workspace, step| {
+                let view = region.moved(start, &step);
+                Some((look(workspace, &view)?, step, view))
+            });
+            looked.flatten().collect()
+        };
+        // The first round looks near the start as well as far.
+        let near_and_far = (1..self.views).map(|i| normal(&mut random) * self.deviation * [1.0, 0.3][i % 2]);
+        let first = look(std::iter::once(Vector6::zeros()).chain(near_and_far).collect());
+        criteria.map(|criterion| {
+            let score = |(seen, step, view): &(E, Vector6<f64>, View)| {
+                (criterion(seen) - DOUBT * step.norm_squared() / self.deviation.powi(2), *step, *view)
+            };
+            let mut random = random.clone();
+            let mut scored: Vec<_> = first.iter().map(score).collect();
+            let mut all: Vec<(f64, View)> = Vec::new();
+            for round in 0..self.rounds {
+                scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+                all.extend(scored.iter().map(|(score, _, view)| (*score, *view)));
+                let elite = &scored[..self.elite.min(scored.len())];
+                if elite.len() < 8 || round + 1 == self.rounds {
+                    break;
+                }
+                let count = elite.len() as f64;
+                let mean = elite.iter().map(|(_, step, _)| step).sum::<Vector6<f64>>() / count;
+                let spread: Matrix6<f64> =
+                    elite.iter().map(|(_, step, _)| (step - mean) * (step - mean).transpose()).sum();
+                // Directions stay open that a small elite happens to agree on.
+                let floor = (0.1 * self.deviation).powi(2) * 0.5f64.powi(round as i32);
+                let covariance = spread / count + Matrix6::from_diagonal_element(floor);
+                let Some(factor) = Cholesky::new(covariance) else { break };
+                let steps = (0..self.views).map(|_| mean + factor.l() * normal(&mut random)).collect();
+                scored = look(steps).iter().map(score).collect();
             }
-            let count = elite.len() as f64;
-            mean = elite.iter().map(|(_, step, _)| step).sum::<Vector6<f64>>() / count;
-            let spread: Matrix6<f64> = elite.iter().map(|(_, step, _)| (step - mean) * (step - mean).transpose()).sum();
-            // Directions stay open that a small elite happens to agree on.
-            let floor = (0.1 * self.deviation).powi(2) * 0.5f64.powi(round as i32);
-            covariance = spread / count + Matrix6::from_diagonal_element(floor);
-            all.extend(scored.into_iter().map(|(score, _, view)| (score, view)));
-        }
-        all.sort_by(|a, b| b.0.total_cmp(&a.0));
-        all
+            all.sort_by(|a, b| b.0.total_cmp(&a.0));
+            all
+        })
     }
 }
 

@@ -65,7 +65,7 @@ impl Registration<'_> {
             start,
             refine: self.options.refine,
             finalists: 2 * FINALISTS,
-            evidence: |registration, view| registration.peak(view),
+            evidence: |registration, view| registration.prominence(view),
         };
         let finish = self.race(&mut sampler, &field, &mut course)?;
         let findings = self.findings(&finish, self.options.refine, &start, at_start);
@@ -83,7 +83,6 @@ impl Registration<'_> {
         let before = found.first().map_or(0.0, |(score, _)| *score);
         let search = Search { seed: self.options.seed, ..AROUND };
         let limits = self.limits(Refine::default(), camera);
-        let score = Self::in_frame(self.model);
         let pixel = f64::from(self.photo.width.max(self.photo.height)) / f64::from(TINY);
         let rounds: [(f64, usize, &Overview, &Mesh, &dyn Signal); 2] = [
             (3.0, SHORTLIST, &tiny, &rough, &*signal),
@@ -91,15 +90,17 @@ impl Registration<'_> {
         ];
         for (apart, most, overview, mesh, signal) in rounds {
             let mut views = Vec::new();
-            self.extend(&mut views, found, apart * pixel, most);
+            self.extend(&mut views, &found, apart * pixel, most);
             let nearest = |view: &View| {
                 let seen = mesh.positions.iter().map(|p| Point3::from(p.map(f64::from)));
                 let seen: Vec<Point3<f64>> = seen.filter(|p| self.model.shows(view, p)).collect();
                 let region = Region::around(&seen)?;
-                let score = |workspace: &mut Workspace, view: &View| {
-                    score(overview, mesh, signal, workspace, &limits.held(view))
+                let look = |workspace: &mut Workspace, view: &View| {
+                    let view = limits.held(view);
+                    Some(overview.peak(mesh, signal, workspace, &view)? * self.model.inside(&view))
                 };
-                search.around(view, &region, score).into_iter().next()
+                let [found] = search.around(view, &region, look, [|peak| *peak]);
+                found.into_iter().next()
             };
             looked += views.len() * search.rounds * search.views;
             found = views.par_iter().filter_map(nearest).collect();
@@ -107,7 +108,7 @@ impl Registration<'_> {
         }
         let best = found.first().map_or(before, |(score, _)| *score);
         let mut views = Vec::new();
-        self.extend(&mut views, found, pixel, CLOSER);
+        self.extend(&mut views, &found, pixel, CLOSER);
         (views, looked, (before, best))
     }
 }
