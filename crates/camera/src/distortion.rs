@@ -49,8 +49,10 @@ impl Distortion {
         (self.is_monotone(p.norm_squared()) && jacobian.determinant() > 0.0).then_some((distorted, jacobian))
     }
 
-    /// The formulas themselves, wherever they are asked for.
-    fn evaluate(&self, p: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+    /// The formulas themselves, wherever they are asked for: what [`apply_with_jacobian`](Self::apply_with_jacobian) gives within
+    /// the domain. For loops over many points, which check the domain themselves.
+    #[inline(always)]
+    pub fn evaluate(&self, p: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let Self { k1, k2, p1, p2, k3 } = *self;
         let (x, y, s) = (p.x, p.y, p.norm_squared());
         let g = 1.0 + s * (k1 + s * (k2 + s * k3));

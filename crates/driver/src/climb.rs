@@ -1,10 +1,10 @@
 //! The solvers by name, made for one level of the pyramid, and the batches a stochastic one draws.
 
+use crate::SolverName;
 use crate::objective::{PhotoObjective, Prior};
 use crate::parameters::ViewSpace;
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
-use crate::{MetricName, SolverName};
 use rand::rngs::StdRng;
 use rand::{Rng, SeedableRng};
 use texreg_camera::View;
@@ -54,7 +54,6 @@ pub(crate) struct Batches<'a> {
     pub(crate) samples: &'a SurfaceSamples,
     pub(crate) level: &'a Level,
     pub(crate) density: &'a Parzen,
-    pub(crate) metric: MetricName,
     pub(crate) space: &'a ViewSpace<'a>,
     pub(crate) prior: Prior,
     pub(crate) seed: u64,
@@ -63,7 +62,7 @@ pub(crate) struct Batches<'a> {
 
 impl Batches<'_> {
     fn over_batch(&self) -> PhotoObjective<'_> {
-        PhotoObjective::new(&self.batch, self.level, self.density, self.metric, self.space, self.prior)
+        PhotoObjective::new(&self.batch, self.level, self.density, self.space, self.prior)
     }
 }
 
@@ -87,6 +86,7 @@ impl Objective<View> for Batches<'_> {
             points: chosen.iter().map(|&i| self.samples.points[i]).collect(),
             bins: chosen.iter().map(|&i| self.samples.bins[i]).collect(),
             covered: self.samples.covered,
+            metric: self.samples.metric,
             shading,
             needles: self.samples.needles.clone(),
             contour: self.samples.contour.clone(),

@@ -8,8 +8,8 @@
 
 use crate::Refine;
 use crate::grid::Grid;
-use crate::objective::{Sums, chain};
 use crate::parameters::{Dense, MOST};
+use crate::sweep::{Sums, chain};
 use nalgebra::{Point2, Point3, Vector2};
 use texreg_camera::{Camera, View};
 use texreg_mi::{ConditionalEntropy, Joint, Metric};

@@ -282,7 +282,7 @@ impl Joint<'_> {
         let of = |(&i, view): (&usize, &View)| {
             let photo = &self.photos[i];
             let level = &photo.levels[index.min(photo.levels.len() - 1)];
-            let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.options.metric);
+            let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.metric_last(index));
             Sampler::new(photo.model.mesh, &*photo.model.signal).sample(view, level, &sampling)
         };
         together.iter().zip(views).map(of).collect()
@@ -305,7 +305,9 @@ impl Joint<'_> {
     fn settle(&mut self, i: usize) {
         let (photo, found) = (self.photos[i], &mut self.found[i]);
         let mut sampler = Sampler::new(photo.model.mesh, &*photo.model.signal);
-        if let Some(climb) = photo.climb(&mut sampler, 0, &found.view, &found.start, Refine::default()) {
+        if let Some(climb) =
+            photo.climb(&mut sampler, 0, &found.view, &found.start, Refine::default(), photo.options.metric)
+        {
             found.view = climb.view;
         }
     }

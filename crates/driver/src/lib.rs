@@ -33,6 +33,7 @@ mod rig;
 mod samples;
 mod search;
 mod survey;
+mod sweep;
 mod uncertainty;
 mod verdict;
 mod viewer;

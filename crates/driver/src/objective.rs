@@ -6,13 +6,13 @@
 //! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`, by the metric's unit. The agreement of edges and that of silhouettes have files of their
 //! own; what is climbed is one of the three, a product or a sum.
 
-use crate::options::{MetricName, Terms};
-use crate::parameters::{Dense, MOST, POSE, ViewSpace};
+use crate::options::{Composition, Terms};
+use crate::parameters::{Dense, POSE, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
+use crate::sweep::{look, weigh};
 use crate::{FocalSource, Refine};
-use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
-use rayon::prelude::*;
+use nalgebra::{DMatrix, DVector};
 use texreg_camera::{Camera, View};
 use texreg_mi::{Density, Metric, Parzen, Real, Samples};
 use texreg_optim::{Curvature, Derivatives, Objective};
@@ -77,19 +77,18 @@ struct Shown<T> {
     unit: f64,
 }
 
-/// Samples summed by one task: fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 2048;
+/// The least share of edges that is taken for misaligned.
+const LEAST: f64 = 1e-3;
 
 impl<'a, T: Real> PhotoObjective<'a, T> {
     pub(crate) fn new(
         samples: &'a SurfaceSamples,
         level: &'a Level,
         density: &'a Parzen,
-        metric: MetricName,
         space: &'a ViewSpace<'a>,
         prior: Prior,
     ) -> Self {
-        let terms = metric.terms(samples, density);
+        let terms = samples.metric.terms(samples, density);
         Self { samples, level, density, terms, space, prior, seen: None, evaluations: 0 }
     }
 
@@ -123,28 +122,9 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
     /// Its derivatives by the tangent.
     fn density_derivatives(&self, at: &View, shown: &Shown<T>) -> Dense {
         let scores = self.density.scores(&Samples { model: &self.samples.bins, photo: &shown.values }, &shown.table);
-        let camera = self.level.camera(&at.camera);
-        let dimension = self.space.refine.dimension();
-        let sums: Vec<Sums<MOST>> = (self.samples.points.par_chunks(CHUNK), shown.slopes.par_chunks(CHUNK))
-            .into_par_iter()
-            .zip(scores.par_chunks(CHUNK))
-            .map(|((points, slopes), scores)| {
-                let mut sums = Sums::default();
-                for ((point, slope), &score) in points.iter().zip(slopes).zip(scores) {
-                    let score: f64 = score.into();
-                    if score != 0.0 {
-                        let gradient = score * Vector2::new(slope[0].into(), slope[1].into());
-                        if let Some(row) = chain(at, &camera, self.space.refine, self.level.scale, point, &gradient) {
-                            sums.add(&row[..dimension]);
-                        }
-                    }
-                }
-                sums
-            })
-            .collect();
-        let mut total = Sums::default();
-        sums.iter().for_each(|part| total.merge(part));
-        let mut derivatives = total.derivatives(dimension, 1.0 / self.samples.points.len().max(1) as f64);
+        let total = weigh(&self.samples.points, &shown.slopes, &scores, self.level, at, self.space.refine);
+        let scale = 1.0 / self.samples.points.len().max(1) as f64;
+        let mut derivatives = total.derivatives(self.space.refine.dimension(), scale);
         derivatives.curvature /= shown.unit;
         derivatives
     }
@@ -163,11 +143,14 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
     /// The terms' values together, and how the whole changes with each.
     fn compose(&self, values: &[Option<f64>; 3]) -> (f64, [f64; 3]) {
         let one = |value: &Option<f64>| value.unwrap_or(1.0);
-        if self.terms.is_product {
-            let [a, b, c] = [0, 1, 2].map(|k| one(&values[k]));
-            (a * b * c, [b * c, a * c, a * b])
-        } else {
-            (values.iter().flatten().sum(), [1.0; 3])
+        let [a, b, c] = [0, 1, 2].map(|k| one(&values[k]));
+        match self.terms.composition {
+            Composition::Product => (a * b * c, [b * c, a * c, a * b]),
+            Composition::Nats => {
+                let rest = (1.0 - b).max(LEAST);
+                (a - rest.ln(), [1.0, 1.0 / rest, 0.0])
+            }
+            Composition::Sum => (values.iter().flatten().sum(), [1.0; 3]),
         }
     }
 
@@ -234,100 +217,15 @@ fn mixed(count: usize) -> impl Iterator<Item = usize> {
     (0..count).map(move |i| (count / 2 + i * step) % count)
 }
 
-/// What a view sees of points in a level of the photo: the values, NaN outside it, and their slopes.
-pub(crate) fn look<T: Real>(points: &[Point3<f64>], level: &Level, view: &View) -> (Vec<T>, Vec<[T; 2]>) {
-    let camera = level.camera(&view.camera);
-    let mut values = vec![T::of(f64::NAN); points.len()];
-    let mut slopes = vec![[T::default(); 2]; points.len()];
-    (points.par_chunks(CHUNK), values.par_chunks_mut(CHUNK), slopes.par_chunks_mut(CHUNK)).into_par_iter().for_each(
-        |(points, values, slopes)| {
-            for ((point, value), slope) in points.iter().zip(values).zip(slopes) {
-                let pixel = camera.project(&view.pose.transform_point(point));
-                if let Some([v, dx, dy]) = pixel.and_then(|p| level.sample(p.x, p.y)) {
-                    *value = v;
-                    *slope = [dx, dy];
-                }
-            }
-        },
-    );
-    (values, slopes)
-}
-
-/// `gradientᵀ · ∂pixel/∂ξ` for one point and the tangent ξ; `gradient` is by the level's pixels.
-#[inline]
-pub(crate) fn chain(
-    view: &View,
-    camera: &Camera,
-    refine: Refine,
-    scale: f64,
-    point: &Point3<f64>,
-    gradient: &Vector2<f64>,
-) -> Option<[f64; MOST]> {
-    let turned: Vector3<f64> = view.pose.rotation * point.coords;
-    let in_camera = Point3::from(turned + view.pose.translation);
-    let mut row = [0.0; MOST];
-    let by_point = if refine == Refine::default() {
-        camera.project_with_jacobian(&in_camera)?.1.tr_mul(gradient)
-    } else {
-        let projection = camera.project_with_jacobians(&in_camera)?;
-        refine.chain(camera, scale, &projection, gradient, &mut row[POSE..]);
-        projection.point.tr_mul(gradient)
-    };
-    // A step ω turns the point about the model's origin: d(exp(ω) R X)/dω = −[R X]×.
-    row[..3].copy_from_slice(turned.cross(&by_point).as_slice());
-    row[3..6].copy_from_slice(by_point.as_slice());
-    Some(row)
-}
-
-/// Sums of rows of at most `N` numbers, and of the lower triangles of their outer products.
-pub(crate) struct Sums<const N: usize> {
-    first: [f64; N],
-    second: [[f64; N]; N],
-}
-
-impl<const N: usize> Default for Sums<N> {
-    fn default() -> Self {
-        Self { first: [0.0; N], second: [[0.0; N]; N] }
-    }
-}
-
-impl<const N: usize> Sums<N> {
-    #[inline]
-    pub(crate) fn add(&mut self, row: &[f64]) {
-        for (i, x) in row.iter().enumerate() {
-            self.first[i] += x;
-            for (sum, y) in self.second[i][..=i].iter_mut().zip(row) {
-                *sum += x * y;
-            }
-        }
-    }
-
-    pub(crate) fn merge(&mut self, other: &Self) {
-        for i in 0..N {
-            self.first[i] += other.first[i];
-            for j in 0..=i {
-                self.second[i][j] += other.second[i][j];
-            }
-        }
-    }
-
-    /// Gradient and curvature of the first components, scaled.
-    pub(crate) fn derivatives(&self, dimension: usize, scale: f64) -> Dense {
-        Dense {
-            gradient: DVector::from_fn(dimension, |i, _| scale * self.first[i]),
-            curvature: DMatrix::from_fn(dimension, dimension, |i, j| scale * self.second[i.max(j)][i.min(j)]),
-        }
-    }
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::RotationName;
     use crate::bounds::Limits;
     use crate::contour::{Contour, Silhouette};
     use crate::needles::Needles;
-    use nalgebra::Rotation3;
+    use crate::parameters::MOST;
+    use crate::{MetricName, RotationName};
+    use nalgebra::{Point3, Rotation3, Vector3};
     use texreg_camera::{Distortion, Intrinsics};
     use texreg_lie::Pose;
     use texreg_optim::Manifold;
@@ -399,10 +297,10 @@ pub(crate) mod tests {
         let metrics = MetricName::ALL.iter().map(|&metric| (RotationName::Lie, metric));
         for (rotation, metric) in charts.chain(metrics) {
             let space = ViewSpace { rotation: rotation.chart(), refine, limits: Limits::default() };
-            let mut samples = samples.clone();
+            let mut samples = SurfaceSamples { metric, ..samples.clone() };
             samples.needles = samples.needles.filter(|_| metric.has_edges());
             samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
-            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, metric, &space, prior);
+            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, &space, prior);
             let Derivatives { gradient, curvature } = objective.derivatives(&view);
             assert_eq!(gradient.len(), space.dimension());
             let curvature = curvature.to_dense().unwrap();
@@ -436,10 +334,10 @@ pub(crate) mod tests {
             ViewSpace { rotation: RotationName::Lie.chart(), refine: Refine::default(), limits: Limits::default() };
         let prior = Prior { camera: view.camera, focal_from: FocalSource::Stated, weight: 0.0 };
         let of = |metric: MetricName| {
-            let mut samples = samples.clone();
+            let mut samples = SurfaceSamples { metric, ..samples.clone() };
             samples.needles = samples.needles.filter(|_| metric.has_edges());
             samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
-            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, metric, &space, prior);
+            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, &space, prior);
             let [independent, chance] = objective.independent(&view).unwrap();
             (objective.value(&view).unwrap(), independent, chance)
         };
@@ -496,7 +394,8 @@ pub(crate) mod tests {
                 });
                 expected += count as f64 / unit * &row * row.transpose();
             }
-            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, metric, &space, prior);
+            samples.metric = metric;
+            let mut objective = PhotoObjective::<f64>::new(&samples, &level, &density, &space, prior);
             let curvature = objective.derivatives(&view).curvature.to_dense().unwrap();
             assert_eq!(curvature, curvature.transpose());
             let error = (&curvature - &expected).amax() / expected.amax();

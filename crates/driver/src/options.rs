@@ -71,6 +71,8 @@ names! {
     #[derive(Default)]
     MetricName {
         #[default]
+        /// Mutual information, and at the end `mi+gradient`.
+        InformationThenGradient = "mi-then-gradient",
         /// Mutual information.
         MutualInformation = "mi",
         /// Normalized mutual information.
@@ -89,6 +91,8 @@ names! {
         Gradient = "gradient",
         /// Mutual information times that agreement.
         InformationGradient = "mi-gradient",
+        /// Mutual information and the log-likelihood of that agreement, in nats.
+        InformationAndGradient = "mi+gradient",
         /// Minus the conditional entropy of the photo's silhouette given the model's.
         Silhouette = "silhouette",
         /// Mutual information and the silhouettes' entropy.
@@ -176,8 +180,17 @@ names! {
 pub(crate) struct Terms {
     /// A metric over the joint density.
     pub(crate) density: Option<Box<dyn Metric>>,
-    /// Whether the terms are multiplied.
-    pub(crate) is_product: bool,
+    pub(crate) composition: Composition,
+}
+
+/// How terms make a whole.
+#[derive(Clone, Copy)]
+pub(crate) enum Composition {
+    Sum,
+    Product,
+    /// The sum of a metric in nats and of the log-likelihood −ln(1 − G) of edges that agree by G: misaligned ones as normal in two
+    /// numbers, the photo's gradient.
+    Nats,
 }
 
 impl MetricName {
@@ -185,9 +198,11 @@ impl MetricName {
     pub(crate) fn terms(self, samples: &SurfaceSamples, density: &Parzen) -> Terms {
         let shading = || samples.shading_by_bin(density.model_bins);
         let density: Option<Box<dyn Metric>> = match self {
-            Self::MutualInformation | Self::InformationGradient | Self::InformationSilhouette => {
-                Some(Box::new(MutualInformation))
-            }
+            Self::MutualInformation
+            | Self::InformationThenGradient
+            | Self::InformationGradient
+            | Self::InformationAndGradient
+            | Self::InformationSilhouette => Some(Box::new(MutualInformation)),
             Self::Normalized => Some(Box::new(NormalizedMutualInformation)),
             Self::EntropyCorrelation => Some(Box::new(EntropyCorrelation)),
             Self::ConditionalEntropy => Some(Box::new(ConditionalEntropy)),
@@ -198,12 +213,22 @@ impl MetricName {
             }
             Self::Gradient | Self::Silhouette => None,
         };
-        Terms { density, is_product: self == Self::InformationGradient }
+        let composition = match self {
+            Self::InformationGradient => Composition::Product,
+            Self::InformationAndGradient => Composition::Nats,
+            _ => Composition::Sum,
+        };
+        Terms { density, composition }
+    }
+
+    /// What is climbed at the end, where that is another metric.
+    pub(crate) fn last(self) -> Option<Self> {
+        (self == Self::InformationThenGradient).then_some(Self::InformationAndGradient)
     }
 
     /// Whether the model's edges are a term.
     pub(crate) fn has_edges(self) -> bool {
-        matches!(self, Self::Gradient | Self::InformationGradient)
+        matches!(self, Self::Gradient | Self::InformationGradient | Self::InformationAndGradient)
     }
 
     /// Whether the silhouettes are a term.

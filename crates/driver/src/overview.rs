@@ -144,13 +144,7 @@ impl Overview {
     }
 
     /// Renders a view, and counts: the mutual information over the whole picture, and the pixels that show the model.
-    fn whole(
-        &self,
-        mesh: &Mesh,
-        signal: &dyn Signal,
-        workspace: &mut Workspace,
-        view: &View,
-    ) -> Option<(f64, u32)> {
+    fn whole(&self, mesh: &Mesh, signal: &dyn Signal, workspace: &mut Workspace, view: &View) -> Option<(f64, u32)> {
         let Workspace { renderer, picture, bins, .. } = workspace;
         let mut camera = view.camera.scaled(1.0 / self.factor as f64);
         (camera.width, camera.height) = (self.width as u32, self.height as u32);

@@ -4,10 +4,10 @@
 //! scores `a_i`, `b_i` of [`PhotoPair`] the derivative by both tangents is `1/N Σ (a_i g_i, b_i h_i)`, and the curvature is the
 //! empirical Fisher matrix of these rows.
 
-use crate::objective::{Sums, chain, look};
 use crate::parameters::{Dense, MOST, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
+use crate::sweep::{Sums, chain, look};
 use nalgebra::{DMatrix, Point3, Vector2};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};

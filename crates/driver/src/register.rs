@@ -33,7 +33,7 @@ use crate::samples::{Sampler, Sampling, SurfaceSamples};
 use crate::search::{Region, Search};
 use crate::uncertainty::{Witness, uncertainties};
 use crate::verdict::{Findings, verdict};
-use crate::{BinsName, Error, Options, Photo, Refine, SolverName, Status};
+use crate::{BinsName, Error, MetricName, Options, Photo, Refine, SolverName, Status};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
@@ -89,6 +89,9 @@ const FINALISTS: usize = 3;
 /// So many views go on from the second level, and to each finer one, as long as their excess over chance is this share of the best's.
 const RIVALS: usize = 2;
 const RIVALRY: f64 = 0.9;
+
+/// The levels on which an end climbs once more.
+const POLISHED: usize = 2;
 
 /// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
 const APART: f64 = 2.0;
@@ -146,6 +149,8 @@ struct Field {
     refine: Refine,
     /// How many go on from the coarsest level to the second.
     finalists: usize,
+    /// Whether the first view has climbed already: where it alone is left, nothing is to be gained.
+    has_climbed: bool,
     /// What ranks climbs, with the metric: the evidence for a view in the small picture.
     evidence: fn(&Registration, &View) -> f64,
 }
@@ -232,7 +237,7 @@ impl<'a> Registration<'a> {
         let start = self.limits(refine, &start.camera).held(&self.model.inward(start));
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let at_start = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?.value;
-        let of = 1 + self.levels.len().max(2);
+        let of = 1 + self.levels.len().max(2) + self.polishings();
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
 
         if surrounds(self.model.mesh, &start) {
@@ -260,9 +265,10 @@ impl<'a> Registration<'a> {
             start,
             refine,
             finalists: FINALISTS,
+            has_climbed: false,
             evidence,
         };
-        let mut finish = self.race(&mut sampler, &field, &mut course)?;
+        let mut finish = self.race(&mut sampler, &field, &mut course)?.ok_or(Error::NothingVisible)?;
         if finish.similarity.value <= at_start {
             course.of += self.levels.len();
             finish = self.descend(&mut sampler, &start, refine, &mut course)?;
@@ -276,18 +282,21 @@ impl<'a> Registration<'a> {
             let began = Instant::now();
             let wider = Search { seed: self.options.seed, ..WIDER };
             let look = |workspace: &mut Workspace, view: &View| self.peak(workspace, view);
-            let found = self.around(&start, &wider, look, [|peak| *peak]).ok_or(Error::NothingVisible)?;
-            let best = found[0].first().map_or(0.0, |(score, _)| *score);
-            course.tell(stage(self.search_name(), began, 0, found[0].len(), (0.0, best)), &finish.view)?;
-            field.views = self.distinct(&finish.view, &found);
+            let [found] = self.around(&start, &wider, look, [|peak| *peak]).ok_or(Error::NothingVisible)?;
+            let best = found.first().map_or(0.0, |(score, _)| *score);
+            let held = self.prominence(&finish.view);
+            course.tell(stage(self.search_name(), began, 0, found.len(), (held, best)), &finish.view)?;
+            field.views = self.distinct(&finish.view, &[found]);
+            field.has_climbed = true;
             field.evidence = |registration, view| registration.prominence(view);
-            let wide = self.race(&mut sampler, &field, &mut course)?;
             let worth = |finish: &Finish| finish.similarity.excess + self.prominence(&finish.view);
-            if worth(&wide) > worth(&finish) {
+            let wide = self.race(&mut sampler, &field, &mut course)?;
+            if let Some(wide) = wide.filter(|wide| worth(wide) > worth(&finish)) {
                 finish = wide;
                 findings = self.findings(&finish, refine, &start, at_start);
             }
         }
+        let finish = self.polished(&mut sampler, finish, &start, at_start, refine, &mut course)?;
         Ok((self.outcome(&finish, &start, &findings, course.stages), findings))
     }
 
@@ -342,8 +351,9 @@ impl<'a> Registration<'a> {
         Ok(Finish { view, similarity, coarse, rival: 0.0 })
     }
 
-    /// Several views climb, and the best goes on to the full photo, with those elsewhere that come near it.
-    fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Finish, Error> {
+    /// Several views climb, and the best goes on to the full photo, with those elsewhere that come near it. `None` where the first
+    /// has climbed already and no other stays in the race.
+    fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Option<Finish>, Error> {
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
         let mut runners: Vec<Runner> =
@@ -353,7 +363,8 @@ impl<'a> Registration<'a> {
             let began = Instant::now();
             let mesh = if index == coarsest { &self.model.coarse } else { self.model.mesh };
             let run = |sampler: &mut Sampler, runner: Runner| {
-                let climb = self.climb(sampler, index, &runner.view, &field.start, field.refine)?;
+                let climb =
+                    self.climb(sampler, index, &runner.view, &field.start, field.refine, self.options.metric)?;
                 let evidence = if index < second { 0.0 } else { (field.evidence)(self, &climb.view) };
                 let coarse = if index == coarsest { climb.gain } else { runner.coarse };
                 Some((climb.excess + evidence, Runner { view: climb.view, coarse, ..runner }, climb))
@@ -383,10 +394,52 @@ impl<'a> Registration<'a> {
             if let Some((.., climb)) = ends.iter().find(|(_, runner, _)| apart(&runner.view, &best.view)) {
                 rival = climb.excess / best.excess;
             }
+            if field.has_climbed && index == second && runners.len() == 1 && !apart(&runners[0].view, &field.views[0]) {
+                return Ok(None);
+            }
         }
         let Runner { view, coarse, .. } = runners[0];
         let similarity = self.similarity(sampler, &view).unwrap_or_default();
-        Ok(Finish { view, similarity, coarse, rival })
+        Ok(Some(Finish { view, similarity, coarse, rival }))
+    }
+
+    /// How many stages [`polished`](Self::polished) has.
+    fn polishings(&self) -> usize {
+        (0..POLISHED.min(self.levels.len())).filter(|&index| self.metric_last(index) != self.options.metric).count()
+    }
+
+    /// What is climbed last on a level.
+    pub(crate) fn metric_last(&self, index: usize) -> MetricName {
+        // A cloud's squares have edges of their own.
+        let has_edges = index < POLISHED && !self.model.mesh.is_cloud;
+        self.options.metric.last().filter(|_| has_edges).unwrap_or(self.options.metric)
+    }
+
+    /// An end that climbs once more, on the finest levels and by the metric that comes last. It stays where it was if it then explained
+    /// the photo no better than the start.
+    fn polished(
+        &self,
+        sampler: &mut Sampler,
+        finish: Finish,
+        start: &View,
+        at_start: f64,
+        refine: Refine,
+        course: &mut Course,
+    ) -> Result<Finish, Error> {
+        let mut view = finish.view;
+        for index in (0..POLISHED.min(self.levels.len())).rev() {
+            let metric = self.metric_last(index);
+            if metric == self.options.metric {
+                return Ok(finish);
+            }
+            let began = Instant::now();
+            let Some(climb) = self.climb(sampler, index, &view, start, refine, metric) else { return Ok(finish) };
+            view = climb.view;
+            let name = format!("edges 1/{}", 1 << index);
+            course.tell(stage(name, began, climb.evaluations, climb.renderings, climb.similarity), &view)?;
+        }
+        let similarity = self.similarity(sampler, &view).unwrap_or_default();
+        Ok(if similarity.value > at_start { Finish { view, similarity, ..finish } } else { finish })
     }
 
     /// The views that a search around one of them looked at, by each criterion, the best first; `None` where the model is not in
@@ -476,7 +529,7 @@ impl<'a> Registration<'a> {
     ) -> Option<(View, usize, usize)> {
         let (mut view, mut evaluations, mut renderings) = (*start, 0, 0);
         for index in (0..=top).rev() {
-            let climb = self.climb(sampler, index, &view, start, refine)?;
+            let climb = self.climb(sampler, index, &view, start, refine, self.options.metric)?;
             view = climb.view;
             evaluations += climb.evaluations;
             renderings += climb.renderings;
@@ -513,11 +566,12 @@ impl<'a> Registration<'a> {
         from: &View,
         start: &View,
         refine: Refine,
+        metric: MetricName,
     ) -> Option<Climb> {
         let level = &self.levels[index];
         let coarseness = self.levels.len() - 1 - index;
         let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
-        let sampling = Sampling::with_halo(effort.samples, self.options.metric);
+        let sampling = Sampling::with_halo(effort.samples, metric);
         let space = self.space(if index < 2 { refine } else { Refine::default() }, &start.camera);
         let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
         let mut climb =
@@ -530,7 +584,6 @@ impl<'a> Registration<'a> {
                     samples: &samples,
                     level,
                     density: &self.density,
-                    metric: self.options.metric,
                     space: &space,
                     prior: objective.prior,
                     seed: self.options.seed,
@@ -580,7 +633,7 @@ impl<'a> Registration<'a> {
         weight: f64,
     ) -> PhotoObjective<'b> {
         let prior = Prior { camera: *expected, focal_from: self.options.focal_from, weight };
-        PhotoObjective::new(samples, &self.levels[index], &self.density, self.options.metric, space, prior)
+        PhotoObjective::new(samples, &self.levels[index], &self.density, space, prior)
     }
 }
 

@@ -156,7 +156,6 @@ mod tests {
     use super::*;
     use crate::bounds::{Bounds, Limits};
     use crate::objective::tests::scene;
-    use crate::options::MetricName;
     use crate::pair::Overlap;
     use crate::pyramid::Level;
     use crate::{FocalSource, RotationName, SolverName, samples::SurfaceSamples};
@@ -191,7 +190,6 @@ mod tests {
     fn derivatives_agree_with_differences_for_shared_and_own_cameras() {
         let (views, levels, samples) = photos();
         let density = Parzen { model_bins: 7, photo_bins: 16 };
-        let metric = MetricName::MutualInformation;
         let overlap = |photos| Overlap { photos, points: samples.points.clone(), weight: 0.7 };
         let overlaps = [overlap([0, 1]), overlap([1, 0]), overlap([2, 0])];
         let refine = Refine { focal: true, principal: true, distortion: true };
@@ -207,7 +205,7 @@ mod tests {
             let weight = if shared { 0.0 } else { 1e-2 };
             let photos = levels
                 .iter()
-                .map(|level| PhotoObjective::<f64>::new(&samples, level, &density, metric, &spaces[0], prior(weight)));
+                .map(|level| PhotoObjective::<f64>::new(&samples, level, &density, &spaces[0], prior(weight)));
             let pairs =
                 overlaps.iter().map(|overlap| PairObjective::new(overlap, overlap.photos.map(|photo| &levels[photo])));
             let mut objective = RigObjective {
@@ -262,9 +260,8 @@ mod tests {
         let prior = Prior { camera: views[0].camera, focal_from: FocalSource::Stated, weight: 0.0 };
         let overlap = Overlap { photos: [0, 1], points: samples.points.clone(), weight: 0.7 };
         for &solver in SolverName::ALL {
-            let photos = levels.iter().map(|level| {
-                PhotoObjective::<f32>::new(&samples, level, &density, MetricName::MutualInformation, &spaces[0], prior)
-            });
+            let photos =
+                levels.iter().map(|level| PhotoObjective::<f32>::new(&samples, level, &density, &spaces[0], prior));
             let pair = PairObjective::new(&overlap, [&levels[0], &levels[1]]);
             let mut objective =
                 RigObjective { space: &space, photos: photos.collect(), pairs: vec![pair], prior: Some(prior) };

@@ -20,6 +20,8 @@ pub(crate) struct SurfaceSamples {
     pub(crate) bins: Vec<u16>,
     /// Pixels of the level that show the model.
     pub(crate) covered: usize,
+    /// The metric that they were taken for.
+    pub(crate) metric: MetricName,
     /// The shading of each surface point by a light at the camera, if the metric looks at it.
     pub(crate) shading: Vec<f32>,
     /// The model's edges, likewise.
@@ -141,6 +143,7 @@ impl<'a> Sampler<'a> {
             points,
             bins,
             covered,
+            metric,
             shading,
             needles: metric.has_edges().then(needles),
             contour: metric.has_silhouettes().then(|| Contour::of(&self.picture, &camera, view)),

@@ -17,10 +17,10 @@
 //! Photos that share a lens have H in the shape of an arrow, and a region of one photo moves the lens, and through it all.
 
 use crate::bounds::Limits;
-use crate::objective::chain;
 use crate::parameters::{POSE, Refine, ViewSpace};
 use crate::register::{EFFORTS, Registration};
 use crate::samples::{Sampler, Sampling, SurfaceSamples};
+use crate::sweep::chain;
 use crate::{Outcome, RotationName, Status};
 use nalgebra::{DMatrix, DVector, Matrix6, Point2, Point3, Vector2, Vector6};
 use rayon::prelude::*;
@@ -164,6 +164,7 @@ fn regions(view: &View, samples: &SurfaceSamples) -> Vec<SurfaceSamples> {
             points: indices().map(|i| samples.points[i]).collect(),
             bins: indices().map(|i| samples.bins[i]).collect(),
             covered: samples.covered,
+            metric: samples.metric,
             shading: indices().map_while(|i| samples.shading.get(i).copied()).collect(),
             needles: samples.needles.clone(),
             contour: samples.contour.clone(),

@@ -50,7 +50,7 @@ impl Registration<'_> {
         camera: &Camera,
         observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
     ) -> Result<Outcome, Error> {
-        let of = 1 + self.levels.len().max(2);
+        let of = 1 + self.levels.len().max(2) + self.polishings();
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let began = Instant::now();
@@ -65,10 +65,13 @@ impl Registration<'_> {
             start,
             refine: self.options.refine,
             finalists: 2 * FINALISTS,
+            has_climbed: false,
             evidence: |registration, view| registration.prominence(view),
         };
-        let finish = self.race(&mut sampler, &field, &mut course)?;
-        let findings = self.findings(&finish, self.options.refine, &start, at_start);
+        let refine = self.options.refine;
+        let finish = self.race(&mut sampler, &field, &mut course)?.ok_or(Error::NothingVisible)?;
+        let findings = self.findings(&finish, refine, &start, at_start);
+        let finish = self.polished(&mut sampler, finish, &start, at_start, refine, &mut course)?;
         Ok(self.assured(self.outcome(&finish, &start, &findings, course.stages), camera))
     }
 
