@@ -200,8 +200,8 @@ fn finish(
     let freedom = (2 * corners).saturating_sub(model.parameters().len() + 6 * used.len());
     let sigma = (fit.cost / freedom.max(1) as f64).sqrt();
     let mut deviations = [0.0; PARAMETERS];
-    for (i, parameter) in model.parameters().iter().enumerate() {
-        deviations[*parameter] = sigma * covariances.camera[(i, i)].sqrt();
+    for &k in model.parameters() {
+        deviations[k] = sigma * covariances.camera[(k, k)].sqrt();
     }
     let deviation = deviations[0] / fit.camera.intrinsics.fx;
     if !deviation.is_finite() || deviation > LOOSEST {

@@ -92,18 +92,20 @@ impl Limits {
         [self.principal[0].map(|end| end - k.cx), self.principal[1].map(|end| end - k.cy)]
     }
 
-    /// A number of a view that lies at an end of its interval, in words.
+    /// A number of a view that lies at an end of its interval, in words; one a hair inside is held back by it as well.
     pub(crate) fn reached(&self, view: &View) -> Option<&'static str> {
-        let near = |step: f64, scale: f64| step.abs() < 1e-6 * scale;
+        let near = |[least, most]: [f64; 2], scale: f64| {
+            let hair = (1e-3 * (most - least)).clamp(1e-6 * scale, 1e-4 * scale);
+            least.abs() < hair || most.abs() < hair
+        };
         let k = &view.camera.intrinsics;
         let distance = view.pose.translation.norm();
-        let principal = self.principal_step(view);
-        if self.focal_step(view).iter().any(|&step| near(step, 1.0)) {
+        if near(self.focal_step(view), 1.0) {
             Some("focal length")
-        } else if principal.iter().flatten().any(|&step| near(step, k.fx)) {
+        } else if self.principal_step(view).into_iter().any(|step| near(step, k.fx)) {
             Some("principal point")
         } else {
-            self.distance_step(view).iter().any(|&step| near(step, distance)).then_some("distance")
+            near(self.distance_step(view), distance).then_some("distance")
         }
     }
 }
@@ -153,6 +155,9 @@ mod tests {
             }
         }
         assert_eq!(limits.reached(&start), None);
+        let mut hair = start;
+        hair.camera.intrinsics.fx = 520.0 * (1.0 - 5e-5);
+        assert_eq!(limits.reached(&hair), Some("focal length"));
         let pose_alone = Limits::new(&bounds, Refine::default(), &camera, centre);
         let far =
             View { camera: Camera::ideal(640, 480, 900.0), pose: Pose::new(pose.rotation, 2.0 * pose.translation) };

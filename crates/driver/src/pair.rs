@@ -32,9 +32,12 @@ const BINS: usize = 20;
 const NEIGHBOURS: usize = 4;
 const LEAST: f64 = 0.15;
 
-/// About how many points make a pair, and how many say whether it is worth it.
+/// About how many points make a pair, and how many say whether it is worth it. Which photos are asked so closely is said by fewer:
+/// of a thousand photos, each asks few.
 const POINTS: usize = 5_000;
 const PROBES: usize = 200;
+const CANDIDATES: usize = 16;
+const FEW: usize = 10;
 
 /// Samples summed by one task: fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
@@ -167,8 +170,8 @@ impl DepthMap {
 /// Surface whose depth grows by more than this many pixels from one pixel to the next is seen too much from the side.
 const STEEP: f64 = 4.0;
 
-/// The pairs of photos that see much of the same surface, both directions of each, weighted by the share of the first
-/// photo's surface that the second sees, over the number of pairs that the first is part of.
+/// The pairs of photos that see much of the same surface, both directions of each, weighted by half the share of the first
+/// photo's surface that the second sees, over the number of the first's neighbours: for each of them moves it twice, from both ends.
 pub(crate) fn overlaps(sights: &[Sight], background: u16) -> Vec<Overlap> {
     let surface = |sight: &Sight| sight.samples.bins.iter().filter(|&&bin| bin != background).count();
     let pairs = sights.par_iter().enumerate().map(|(p, sight)| {
@@ -179,15 +182,19 @@ pub(crate) fn overlaps(sights: &[Sight], background: u16) -> Vec<Overlap> {
             let seen: Vec<_> = tested.filter(|&point| other.depth.shows(point)).copied().collect();
             (seen.len() as f64 / count, seen)
         };
-        let others = sights.iter().enumerate().filter(|&(q, _)| q != p);
-        let mut neighbours: Vec<(f64, usize)> = others.map(|(q, other)| (seen(other, PROBES).0, q)).collect();
+        let best = |among: &mut dyn Iterator<Item = usize>, probes: usize, most: usize| {
+            let mut best: Vec<(f64, usize)> = among.map(|q| (seen(&sights[q], probes).0, q)).collect();
+            best.sort_by(|a, b| b.0.total_cmp(&a.0));
+            best.truncate(most);
+            best
+        };
+        let candidates = best(&mut (0..sights.len()).filter(|&q| q != p), FEW, CANDIDATES);
+        let mut neighbours = best(&mut candidates.into_iter().map(|(_, q)| q), PROBES, NEIGHBOURS);
         neighbours.retain(|&(share, _)| share > LEAST);
-        neighbours.sort_by(|a, b| b.0.total_cmp(&a.0));
-        neighbours.truncate(NEIGHBOURS);
         let count = neighbours.len() as f64;
         let overlap = |(_, q): (f64, usize)| {
             let (share, points) = seen(&sights[q], POINTS);
-            Overlap { photos: [p, q], points, weight: share / count }
+            Overlap { photos: [p, q], points, weight: 0.5 * share / count }
         };
         neighbours.into_iter().map(overlap).collect::<Vec<_>>()
     });

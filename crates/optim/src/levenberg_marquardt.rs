@@ -16,7 +16,7 @@ pub struct LevenbergMarquardt {
     pub iterations: usize,
     /// The damping `λ` of the first step, relative to the diagonal of the curvature.
     pub damping: f64,
-    /// Stops when the quadratic model promises a gain below this, in the objective's units.
+    /// Stops when the quadratic model promises a gain below this, in the objective's units, or a step gains less.
     pub gain_tolerance: f64,
 }
 
@@ -71,7 +71,11 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
                 damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0);
                 damping = damping.max(MIN_DAMPING);
                 growth = 2.0;
+                let gain = trial_value - value;
                 (point, value) = (trial, trial_value);
+                if gain < self.gain_tolerance {
+                    break Stop::Converged;
+                }
                 derivatives = trials.objective.derivatives(&point);
                 region = manifold.region(&point);
             } else {

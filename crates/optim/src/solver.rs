@@ -36,7 +36,7 @@ pub struct Iteration {
 /// Why a solver stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// The next step, or the gain it promises, is below the tolerance.
+    /// The next step, the gain it promises or that of the last is below the tolerance.
     Converged,
     /// No damping gives a better point.
     Stalled,
