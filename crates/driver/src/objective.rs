@@ -6,6 +6,7 @@
 //! Fisher matrix `1/N Σ s_i² g_i g_iᵀ`, by the metric's unit. The agreement of edges and that of silhouettes have files of their
 //! own; what is climbed is one of the three, a product or a sum.
 
+use crate::needles::Edges;
 use crate::options::{Composition, Terms};
 use crate::parameters::{Dense, POSE, ViewSpace};
 use crate::pyramid::Level;
@@ -75,6 +76,8 @@ struct Shown<T> {
     table: Vec<f64>,
     /// The metric's change with the mean log-likelihood.
     unit: f64,
+    /// What the needles met with.
+    edges: Option<Edges<T>>,
 }
 
 /// The least share of edges that is taken for misaligned.
@@ -97,7 +100,7 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
         let (values, slopes) = look(&self.samples.points, self.level, at);
         let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
         let (table, unit) = (metric.derivative(&joint), metric.unit(&joint));
-        (metric.value(&joint), Shown { values, slopes, table, unit })
+        (metric.value(&joint), Shown { values, slopes, table, unit, edges: None })
     }
 
     /// What the metric would be at a view if the model told nothing of the photo: over the product of the marginals of each joint
@@ -135,7 +138,11 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
         let silhouettes = self.samples.contour.as_ref().zip(self.level.silhouette.as_ref());
         [
             self.terms.density.as_ref().map(|_| self.density_derivatives(at, shown)),
-            self.samples.needles.as_ref().map(|needles| needles.derivatives::<T>(self.level, &camera, at, refine)),
+            self.samples
+                .needles
+                .as_ref()
+                .zip(shown.edges.as_ref())
+                .map(|(needles, edges)| needles.derivatives(edges, scale, &camera, at, refine)),
             silhouettes.map(|(contour, silhouette)| contour.derivatives(silhouette, &camera, at, refine, scale)),
         ]
     }
@@ -186,14 +193,14 @@ impl<T: Real> Objective<View> for PhotoObjective<'_, T> {
         self.evaluations += 1;
         let camera = self.level.camera(&at.camera);
         let (value, shown) = self.terms.density.as_ref().map(|metric| self.over_density(&**metric, at)).unzip();
-        let needles = self.samples.needles.as_ref().map(|needles| needles.value::<T>(self.level, &camera, at));
+        let edges = self.samples.needles.as_ref().map(|needles| needles.look::<T>(self.level, &camera, at));
         let silhouettes = match self.samples.contour.as_ref().zip(self.level.silhouette.as_ref()) {
             Some((contour, silhouette)) => Some(contour.value(silhouette, &camera, at)?),
             None => None,
         };
-        let values = [value, needles, silhouettes];
+        let values = [value, edges.as_ref().map(|edges| edges.agreement.value), silhouettes];
         let (value, _) = self.compose(&values);
-        self.seen = Some(Seen { view: *at, values, shown: shown.unwrap_or_default() });
+        self.seen = Some(Seen { view: *at, values, shown: Shown { edges, ..shown.unwrap_or_default() } });
         Some(value + self.prior.log(self.space.refine, &at.camera)).filter(|value| value.is_finite())
     }
 

@@ -91,7 +91,7 @@ const RIVALS: usize = 2;
 const RIVALRY: f64 = 0.9;
 
 /// The levels on which an end climbs once more.
-const POLISHED: usize = 2;
+const POLISHED: usize = 1;
 
 /// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
 const APART: f64 = 2.0;
@@ -576,7 +576,9 @@ impl<'a> Registration<'a> {
         let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
         let mut climb =
             Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, excess: 0.0, evaluations: 0, renderings: 0 };
-        for rendering in 0..effort.renderings {
+        // Needles cost more than all else, and a view that is polished moves little.
+        let renderings = if metric.has_edges() { effort.renderings.min(2) } else { effort.renderings };
+        for rendering in 0..renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
             let mut objective = self.objective(index, &samples, &space, &start.camera, PRIOR);
             let report = if self.options.solver == SolverName::StochasticGradient {
@@ -607,7 +609,7 @@ impl<'a> Registration<'a> {
             climb.similarity.1 = report.value;
             let moved = self.model.distance(&climb.view, &report.point) * level.scale;
             climb.view = report.point;
-            if moved < SETTLED || rendering + 1 == effort.renderings {
+            if moved < SETTLED || rendering + 1 == renderings {
                 [climb.gain, climb.excess] = objective.independent(&report.point)?.map(|none| report.value - none);
                 break;
             }
