@@ -91,7 +91,7 @@ const RIVALS: usize = 2;
 const RIVALRY: f64 = 0.9;
 
 /// The levels on which an end climbs once more.
-const POLISHED: usize = 1;
+const POLISHED: usize = 2;
 
 /// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
 const APART: f64 = 2.0;
@@ -403,6 +403,17 @@ impl<'a> Registration<'a> {
         Ok(Some(Finish { view, similarity, coarse, rival }))
     }
 
+    /// What a climb is worth on a level. Needles cost more than all else, and a view that is polished moves little.
+    fn effort(&self, index: usize, metric: MetricName) -> Effort {
+        let coarseness = self.levels.len() - 1 - index;
+        let usual = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
+        match index {
+            _ if metric == self.options.metric => usual,
+            0 => Effort { renderings: 2, ..usual },
+            _ => Effort { renderings: 2, ..EFFORTS[1] },
+        }
+    }
+
     /// How many stages [`polished`](Self::polished) has.
     fn polishings(&self) -> usize {
         (0..POLISHED.min(self.levels.len())).filter(|&index| self.metric_last(index) != self.options.metric).count()
@@ -569,16 +580,13 @@ impl<'a> Registration<'a> {
         metric: MetricName,
     ) -> Option<Climb> {
         let level = &self.levels[index];
-        let coarseness = self.levels.len() - 1 - index;
-        let effort = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
+        let effort = self.effort(index, metric);
         let sampling = Sampling::with_halo(effort.samples, metric);
         let space = self.space(if index < 2 { refine } else { Refine::default() }, &start.camera);
         let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
         let mut climb =
             Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, excess: 0.0, evaluations: 0, renderings: 0 };
-        // Needles cost more than all else, and a view that is polished moves little.
-        let renderings = if metric.has_edges() { effort.renderings.min(2) } else { effort.renderings };
-        for rendering in 0..renderings {
+        for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
             let mut objective = self.objective(index, &samples, &space, &start.camera, PRIOR);
             let report = if self.options.solver == SolverName::StochasticGradient {
@@ -609,7 +617,7 @@ impl<'a> Registration<'a> {
             climb.similarity.1 = report.value;
             let moved = self.model.distance(&climb.view, &report.point) * level.scale;
             climb.view = report.point;
-            if moved < SETTLED || rendering + 1 == renderings {
+            if moved < SETTLED || rendering + 1 == effort.renderings {
                 [climb.gain, climb.excess] = objective.independent(&report.point)?.map(|none| report.value - none);
                 break;
             }
