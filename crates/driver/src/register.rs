@@ -5,6 +5,7 @@
 //! 2. Each climbs on the coarsest level of the photo; the best, and that of the start, climb on the second.
 //! 3. The best of these climbs through the finer levels to the full photo, and with it one elsewhere as long as that comes near.
 //!    Only on the last two levels are parts of the camera let go.
+//! 4. The end climbs once more on the finest two levels, by the metric and the agreement of the model's edges with the photo's.
 //!
 //! To climb is to render, to take samples, and to maximize the metric over them, until a new rendering changes nothing. Views are
 //! compared by the metric over the model and a band of background in a fixed proportion to it, less what chance explains: a
