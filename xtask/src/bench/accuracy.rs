@@ -36,6 +36,8 @@ struct Run {
     milliseconds: f64,
     /// Whether the verdict is good.
     believed: bool,
+    /// The standard deviation of the surface in the photo, as the outcome states it.
+    stated: Option<f64>,
     /// Where MeshLab's filter ended from the same start.
     peer: Option<f64>,
 }
@@ -92,6 +94,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
         rows.push(Row::alone(format!("lost from {kind}"), 100.0 * share(&group, |run| !run.is_right()), "%"));
         let deceived = share(&group, |run| run.is_lost() && run.believed);
         rows.push(Row::alone(format!("lost though believed from {kind}"), 100.0 * deceived, "%"));
+        let found = group.iter().filter(|run| !run.is_lost());
+        let mut ratios: Vec<f64> = found.filter_map(|run| Some(run.end / run.stated?)).collect();
+        ratios.sort_by(f64::total_cmp);
+        if let Some(most) = ratios.last() {
+            let middle = ratios[ratios.len() / 2];
+            rows.push(Row::alone(format!("error over what is stated, median from {kind}"), middle, ""));
+            rows.push(Row::alone(format!("error over what is stated, most from {kind}"), *most, ""));
+        }
         if group.iter().any(|run| run.peer.is_some()) {
             let worse = share(&group, |run| run.holds_its_own() == Some(false));
             rows.push(Row::alone(format!("worse than MeshLab's filter from {kind}"), 100.0 * worse, "%"));
@@ -229,6 +239,7 @@ fn judge(
         evaluations: outcome.map_or(0, Outcome::evaluations),
         milliseconds,
         believed: outcome.is_some_and(|outcome| outcome.status == Status::Registered),
+        stated: outcome.and_then(|outcome| Some(outcome.uncertainty.as_ref()?.pixels)),
         peer: None,
     }
 }
