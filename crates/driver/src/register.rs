@@ -254,7 +254,8 @@ impl<'a> Registration<'a> {
         let look = |workspace: &mut Workspace, view: &View| self.evidence(workspace, view);
         let criteria: [fn(&Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
         let found = self.around(&start, &narrow, look, criteria).ok_or(Error::NothingVisible)?;
-        let renderings = found.iter().map(Vec::len).sum::<usize>() - narrow.views;
+        let [whole, total] = [found[0].len(), found[1].len()];
+        let renderings = whole + total - narrow.views.min(whole).min(total);
         let best = found[1].first().map_or(0.0, |(score, _)| *score);
         let evidence = |registration: &Registration, view: &View| {
             registration.evidence(&mut Workspace::default(), view).map_or(0.0, |evidence| evidence.total())
