@@ -42,6 +42,7 @@ use std::time::Instant;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Parzen, ranks};
 use texreg_optim::{Objective, Report};
+use texreg_surface::{Mesh, Signal};
 
 /// Registers one photo, starting from a rough view of the world.
 ///
@@ -298,6 +299,8 @@ impl<'a> Registration<'a> {
                 findings = self.findings(&finish, refine, &start, at_start);
             }
         }
+        // A wide search may have ended early.
+        course.of = course.stages.len() + self.polishings();
         let finish = self.polished(&mut sampler, finish, &start, at_start, refine, &mut course)?;
         Ok((self.outcome(&finish, &start, &findings, course.stages), findings))
     }
@@ -510,13 +513,23 @@ impl<'a> Registration<'a> {
         self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
     }
 
-    /// How far a view stands out from the same picture in other places, times the share of the model that lies in the photo.
     fn peak(&self, workspace: &mut Workspace, view: &View) -> Option<f64> {
-        let peak = self.overview.peak(&self.model.coarse, &*self.model.signal, workspace, view)?;
-        Some(peak * self.model.inside(view))
+        self.peak_in(&self.overview, &self.model.coarse, &*self.model.signal, workspace, view)
     }
 
-    /// That, and zero for a view that shows nothing.
+    /// How far a view stands out from the same picture in other places, times the share of the model that lies in the photo.
+    fn peak_in(
+        &self,
+        overview: &Overview,
+        mesh: &Mesh,
+        signal: &dyn Signal,
+        workspace: &mut Workspace,
+        view: &View,
+    ) -> Option<f64> {
+        Some(overview.peak(mesh, signal, workspace, view)? * self.model.inside(view))
+    }
+
+    /// [`peak`](Self::peak), and zero for a view that shows nothing.
     fn prominence(&self, view: &View) -> f64 {
         self.peak(&mut Workspace::default(), view).unwrap_or(0.0)
     }

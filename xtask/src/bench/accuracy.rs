@@ -94,13 +94,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Report> {
         rows.push(Row::alone(format!("lost from {kind}"), 100.0 * share(&group, |run| !run.is_right()), "%"));
         let deceived = share(&group, |run| run.is_lost() && run.believed);
         rows.push(Row::alone(format!("lost though believed from {kind}"), 100.0 * deceived, "%"));
-        let found = group.iter().filter(|run| !run.is_lost());
-        let mut ratios: Vec<f64> = found.filter_map(|run| Some(run.end / run.stated?)).collect();
-        ratios.sort_by(f64::total_cmp);
-        if let Some(most) = ratios.last() {
-            let middle = ratios[ratios.len() / 2];
-            rows.push(Row::alone(format!("error over what is stated, median from {kind}"), middle, ""));
-            rows.push(Row::alone(format!("error over what is stated, most from {kind}"), *most, ""));
+        let found: Vec<&Run> = group.iter().copied().filter(|run| !run.is_lost() && run.stated.is_some()).collect();
+        if !found.is_empty() {
+            let ratio = |run: &Run| run.end / run.stated.unwrap_or(f64::NAN);
+            rows.push(Row::alone(format!("error over what is stated, median from {kind}"), median(&found, ratio), ""));
+            let most = found.iter().map(|run| ratio(run)).fold(0.0, f64::max);
+            rows.push(Row::alone(format!("error over what is stated, most from {kind}"), most, ""));
         }
         if group.iter().any(|run| run.peer.is_some()) {
             let worse = share(&group, |run| run.holds_its_own() == Some(false));

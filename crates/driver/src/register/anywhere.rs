@@ -99,8 +99,7 @@ impl Registration<'_> {
                 let seen: Vec<Point3<f64>> = seen.filter(|p| self.model.shows(view, p)).collect();
                 let region = Region::around(&seen)?;
                 let look = |workspace: &mut Workspace, view: &View| {
-                    let view = limits.held(view);
-                    Some(overview.peak(mesh, signal, workspace, &view)? * self.model.inside(&view))
+                    self.peak_in(overview, mesh, signal, workspace, &limits.held(view))
                 };
                 let [found] = search.around(view, &region, look, [|peak| *peak]);
                 found.into_iter().next()
