@@ -1,9 +1,11 @@
 #![doc = include_str!("../README.md")]
 
 mod band;
+mod batch;
 mod clip;
 mod corner;
 mod gbuffer;
+mod large;
 mod meshlets;
 mod options;
 mod outline;

@@ -4,10 +4,15 @@
 //! idea is that of mesh shaders (C. Kubisch, *Introduction to Turing mesh shaders*, NVIDIA 2018).
 
 use crate::Triangles;
+use crate::batch::LANES;
+use fearless_simd::{i32x16, prelude::*, u32x16};
 use rayon::prelude::*;
 
 /// Triangles in a meshlet: the most whose corners a byte tells apart, in whole batches of the sieve.
 pub(crate) const TRIANGLES: usize = 80;
+
+/// Vertices kept and projected together.
+pub(crate) const GROUP: usize = 8;
 
 /// Vertices a meshlet may have.
 pub(crate) const VERTICES: usize = 256;
@@ -24,10 +29,10 @@ const TASK: usize = 64;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meshlets {
     boxes: Vec<Aabb>,
-    /// Where the vertices of each meshlet begin, and where those of the last end.
+    /// Where the vertices of each meshlet begin, and where those of the last end, in whole groups.
     starts: Vec<u32>,
-    positions: Vec<[f32; 3]>,
-    /// The corners of all triangles, counted within their meshlets.
+    positions: Vec<[[f32; GROUP]; 3]>,
+    /// The corners of all triangles, counted within their meshlets. The last batch is filled up with triangles of one point.
     corners: Vec<[u8; 3]>,
     /// The faces in the order of the meshlets, unless that is the mesh's own.
     faces: Option<Vec<u32>>,
@@ -43,17 +48,35 @@ pub(crate) struct Aabb {
 /// One of them.
 #[derive(Clone, Copy)]
 pub(crate) struct Meshlet<'a> {
-    pub(crate) positions: &'a [[f32; 3]],
-    pub(crate) corners: &'a [[u8; 3]],
-    faces: Option<&'a [u32]>,
+    /// All x, y and z of some vertices at a time; the last of them may be none.
+    pub(crate) positions: &'a [[[f32; GROUP]; 3]],
+    pub(crate) corners: &'a [[[u8; 3]; LANES]],
+    faces: Option<&'a [[u32; LANES]]>,
     first: u32,
 }
 
 impl Meshlet<'_> {
-    /// The face that a triangle is in the mesh.
+    /// The position of a vertex.
+    pub(crate) fn position(&self, vertex: u8) -> [f32; 3] {
+        let (group, lane) = (usize::from(vertex) / GROUP, usize::from(vertex) % GROUP);
+        std::array::from_fn(|axis| self.positions[group][axis][lane])
+    }
+
+    /// The face that a triangle of a batch is in the mesh.
+    pub(crate) fn face(&self, batch: usize, lane: usize) -> u32 {
+        self.faces.map_or(self.first + (batch * LANES + lane) as u32, |faces| faces[batch][lane])
+    }
+
+    /// The bits of all faces of a batch.
     #[inline(always)]
-    pub(crate) fn face(&self, triangle: usize) -> u32 {
-        self.faces.map_or(self.first + triangle as u32, |faces| faces[triangle])
+    pub(crate) fn faces<S: Simd>(&self, simd: S, batch: usize) -> i32x16<S> {
+        match self.faces {
+            Some(faces) => u32x16::load_array(simd, faces[batch]).bitcast(),
+            None => {
+                let first = self.first as i32 + (batch * LANES) as i32;
+                i32x16::load_array(simd, std::array::from_fn(|lane| lane as i32)) + first
+            }
+        }
     }
 }
 
@@ -62,19 +85,18 @@ impl Meshlets {
     /// there are far away.
     pub fn new(mesh: &Triangles) -> Self {
         let order = (!is_coherent(mesh)).then(|| along_a_curve(mesh));
-        let mut corners = vec![[0; 3]; mesh.indices.len()];
+        let mut corners = vec![[0; 3]; mesh.indices.len().next_multiple_of(LANES)];
         let meshlets = corners.par_chunks_mut(TRIANGLES).enumerate().with_min_len(TASK);
         let counts: Vec<u32> = meshlets.map(|(k, corners)| number(mesh, order.as_deref(), k, corners)).collect();
         let faces = order.as_deref();
-        let vertices: usize = counts.iter().map(|&count| count as usize).sum();
         let mut starts = Vec::with_capacity(counts.len() + 1);
         let mut start = 0;
         for count in &counts {
             starts.push(start);
-            start += count;
+            start += count.div_ceil(GROUP as u32).max(1);
         }
         starts.push(start);
-        let mut positions = vec![[0.0; 3]; vertices];
+        let mut positions = vec![[[0.0; GROUP]; 3]; start as usize];
         let mut boxes = vec![Aabb::around(&[]); counts.len()];
         let mut tasks = Vec::new();
         let mut rest = positions.as_mut_slice();
@@ -86,13 +108,21 @@ impl Meshlets {
         }
         tasks.into_par_iter().for_each(|(first, boxes, mut positions)| {
             for (k, aabb) in (first..).zip(boxes) {
-                let (own, others) = positions.split_at_mut(counts[k] as usize);
+                let (own, others) = positions.split_at_mut((starts[k + 1] - starts[k]) as usize);
                 positions = others;
-                gather(mesh, faces, k, &corners, own);
-                *aabb = Aabb::around(own);
+                let mut points = [[0.0; 3]; VERTICES];
+                let count = gather(mesh, faces, k, &corners, &mut points);
+                *aabb = Aabb::around(&points[..count]);
+                for (group, points) in own.iter_mut().zip(points.chunks(GROUP)) {
+                    *group = std::array::from_fn(|axis| std::array::from_fn(|k| points[k][axis]));
+                }
             }
         });
-        Self { boxes, starts, positions, corners, faces: order }
+        let filled_up = |mut faces: Vec<u32>| {
+            faces.resize(corners.len(), 0);
+            faces
+        };
+        Self { boxes, starts, positions, faces: order.map(filled_up), corners }
     }
 
     pub(crate) fn boxes(&self) -> &[Aabb] {
@@ -105,8 +135,8 @@ impl Meshlets {
         let end = (first + TRIANGLES).min(self.corners.len());
         Meshlet {
             positions: &self.positions[self.starts[k] as usize..self.starts[k + 1] as usize],
-            corners: &self.corners[first..end],
-            faces: self.faces.as_ref().map(|faces| &faces[first..end]),
+            corners: self.corners[first..end].as_chunks().0,
+            faces: self.faces.as_ref().map(|faces| faces[first..end].as_chunks().0),
             first: first as u32,
         }
     }
@@ -147,7 +177,7 @@ fn is_coherent(mesh: &Triangles) -> bool {
 /// The triangle at a place of an order, if it has vertices.
 #[inline(always)]
 fn triangle(mesh: &Triangles, faces: Option<&[u32]>, place: usize) -> Option<[u32; 3]> {
-    let face = faces.map_or(place, |faces| faces[place] as usize);
+    let face = faces.map_or(Some(place), |faces| faces.get(place).map(|&face| face as usize))?;
     let triangle = *mesh.indices.get(face)?;
     triangle.iter().all(|&i| (i as usize) < mesh.positions.len()).then_some(triangle)
 }
@@ -180,19 +210,20 @@ fn number(mesh: &Triangles, faces: Option<&[u32]>, k: usize, corners: &mut [[u8;
     count as u32
 }
 
-/// Writes the positions of a meshlet's vertices.
-fn gather(mesh: &Triangles, faces: Option<&[u32]>, k: usize, corners: &[[u8; 3]], positions: &mut [[f32; 3]]) {
+/// Writes the positions of a meshlet's vertices, and counts them.
+fn gather(mesh: &Triangles, faces: Option<&[u32]>, k: usize, corners: &[[u8; 3]], points: &mut [[f32; 3]]) -> usize {
     let first = k * TRIANGLES;
     let mut known = 0;
     for (place, corners) in (first..).zip(corners[first..].iter().take(TRIANGLES)) {
         let Some(triangle) = triangle(mesh, faces, place) else { continue };
         for (&corner, vertex) in corners.iter().zip(triangle) {
             if usize::from(corner) == known {
-                positions[known] = mesh.positions[vertex as usize];
+                points[known] = mesh.positions[vertex as usize];
                 known += 1;
             }
         }
     }
+    known
 }
 
 /// The faces in the order in which a space-filling curve visits their first corners.

@@ -1,8 +1,9 @@
 //! From the mesh frame to fixed-point image coordinates.
 
 use crate::corner::{CLIP, Corner, SUBPIXELS};
-use crate::meshlets::Aabb;
+use crate::meshlets::{Aabb, GROUP};
 use crate::three::each;
+use fearless_simd::{f32x8, f64x8, i32x16, i64x8, mask64x8, prelude::*};
 use nalgebra::{Matrix3x4, Point2, Point3, Vector2, Vector3};
 use std::f64::consts::TAU;
 use texreg_camera::Camera;
@@ -193,13 +194,13 @@ impl<'a> Projector<'a> {
         Vector3::new(row(0), row(1), row(2))
     }
 
-    /// Projects vertices to snapped positions and reciprocal depths; what needs clipping gets [`CLIP`].
+    /// Projects vertices to snapped positions and reciprocal depths (bits); what needs clipping gets [`CLIP`].
     #[inline(always)]
-    pub(crate) fn project(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+    pub(crate) fn project<S: Simd>(&self, simd: S, positions: &[[[f32; GROUP]; 3]], corners: &mut [[[i32; 4]; GROUP]]) {
         if self.lens.camera.distortion.is_none() {
-            self.project_ideal(positions, xy, w);
+            self.project_ideal(simd, positions, corners);
         } else {
-            self.project_distorted(positions, xy, w);
+            self.project_distorted(simd, positions, corners);
         }
     }
 
@@ -245,54 +246,67 @@ impl<'a> Projector<'a> {
     }
 
     #[inline(always)]
-    fn project_ideal(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+    fn project_ideal<S: Simd>(&self, simd: S, positions: &[[[f32; GROUP]; 3]], corners: &mut [[[i32; 4]; GROUP]]) {
         let k = self.lens.camera.intrinsics.matrix();
         let scaled = nalgebra::Matrix3::from_diagonal(&Vector3::new(SUBPIXELS, SUBPIXELS, 1.0));
         let m = scaled * k * self.camera_from_mesh;
-        let rows: [[f64; 4]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
-        let (near, guard) = (self.near, GUARD * SUBPIXELS);
-        for ((position, xy), w) in positions.iter().zip(xy).zip(w) {
-            let [x, y, z] = each(*position, f64::from);
-            let [u, v, depth] = each(
-                rows,
-                #[inline(always)]
-                |r: [f64; 4]| r[0] * x + r[1] * y + r[2] * z + r[3],
-            );
-            let inverse = 1.0 / depth;
-            let (u, v) = (u * inverse, v * inverse);
-            let inside = (depth >= near) & (u.abs() <= guard) & (v.abs() <= guard);
-            *xy = [if inside { snap(u) } else { CLIP }, snap(v)];
-            *w = inverse as f32;
+        for (position, corners) in positions.iter().zip(corners) {
+            let [u, v, depth] = transform(simd, &m, position);
+            let inverse = f64x8::splat(simd, 1.0) / depth;
+            let inside = depth.simd_ge(self.near);
+            store(simd, [u * inverse, v * inverse, inverse], inside, corners);
         }
     }
 
     #[inline(always)]
-    fn project_distorted(&self, positions: &[[f32; 3]], xy: &mut [[i32; 2]], w: &mut [f32]) {
+    fn project_distorted<S: Simd>(&self, simd: S, positions: &[[[f32; GROUP]; 3]], corners: &mut [[[i32; 4]; GROUP]]) {
         let camera = &self.lens.camera;
         let [k1, k2, p1, p2, k3] = camera.distortion.to_array();
         let [fx, fy, cx, cy, skew] = camera.intrinsics.to_array().map(|k| k * SUBPIXELS);
-        let m = &self.camera_from_mesh;
-        let rows: [[f64; 4]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
-        let (near, reach, guard) = (self.near, self.lens.inside, GUARD * SUBPIXELS);
-        for ((position, xy), w) in positions.iter().zip(xy).zip(w) {
-            let [x, y, z] = each(*position, f64::from);
-            let [x, y, depth] = each(
-                rows,
-                #[inline(always)]
-                |r: [f64; 4]| r[0] * x + r[1] * y + r[2] * z + r[3],
-            );
-            let inverse = 1.0 / depth;
+        for (position, corners) in positions.iter().zip(corners) {
+            let [x, y, depth] = transform(simd, &self.camera_from_mesh, position);
+            let inverse = f64x8::splat(simd, 1.0) / depth;
             let (x, y) = (x * inverse, y * inverse);
             let s = x * x + y * y;
-            let g = 1.0 + s * (k1 + s * (k2 + s * k3));
-            let x_d = x * g + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x);
-            let y_d = y * g + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y;
-            let (u, v) = (fx * x_d + skew * y_d + cx, fy * y_d + cy);
-            let inside = (depth >= near) & (s <= reach) & (u.abs() <= guard) & (v.abs() <= guard);
-            *xy = [if inside { snap(u) } else { CLIP }, snap(v)];
-            *w = inverse as f32;
+            let g = s * (s * (s * k3 + k2) + k1) + 1.0;
+            let x_d = x * g + x * (2.0 * p1) * y + (s + x * 2.0 * x) * p2;
+            let y_d = y * g + (s + y * 2.0 * y) * p1 + x * (2.0 * p2) * y;
+            let inside = depth.simd_ge(self.near) & s.simd_le(self.lens.inside);
+            store(simd, [x_d * fx + y_d * skew + cx, y_d * fy + cy, inverse], inside, corners);
         }
     }
+}
+
+/// Vertices in the frame that a matrix leads to.
+#[inline(always)]
+fn transform<S: Simd>(simd: S, m: &Matrix3x4<f64>, position: &[[f32; GROUP]; 3]) -> [f64x8<S>; 3] {
+    let [x, y, z] = each(
+        *position,
+        #[inline(always)]
+        |values| {
+            let (first, last) = f32x8::load_array(simd, values).widen();
+            first.combine(last)
+        },
+    );
+    each(
+        [0, 1, 2],
+        #[inline(always)]
+        |r: usize| x * m[(r, 0)] + y * m[(r, 1)] + z * m[(r, 2)] + m[(r, 3)],
+    )
+}
+
+/// Rounds image coordinates in fixed-point units to integers; what is not inside gets [`CLIP`].
+#[inline(always)]
+fn store<S: Simd>(simd: S, [u, v, w]: [f64x8<S>; 3], inside: mask64x8<S>, corners: &mut [[i32; 4]; GROUP]) {
+    let guard = GUARD * SUBPIXELS;
+    let inside = inside & u.abs().simd_le(guard) & v.abs().simd_le(guard);
+    let clip = f64x8::splat(simd, f64::from_bits(u64::from(CLIP as u32)));
+    let [u, v]: [i64x8<S>; 2] = [inside.select(u + INTEGER, clip).bitcast(), (v + INTEGER).bitcast()];
+    let (xw, y) = u.narrow(v).interleave(w.narrow(f64x8::splat(simd, 0.0)).bitcast::<i32x16<S>>());
+    let (first, last) = xw.interleave(y);
+    let (low, high) = corners.as_flattened_mut().split_at_mut(2 * GROUP);
+    first.store_slice(low);
+    last.store_slice(high);
 }
 
 /// Where the picture of a box lies, and its 1/z.
@@ -344,8 +358,9 @@ fn square([low, high]: [f64; 2]) -> [f64; 2] {
     [if low * high > 0.0 { less(a, b) } else { 0.0 }, more(a, b)]
 }
 
-/// Rounds to the nearest integer, for |x| < 2³¹: adding 1.5·2⁵² leaves the integer in the low mantissa bits.
-#[inline(always)]
+/// 1.5·2⁵²: added to a number, it leaves the nearest integer in the low mantissa bits, for |x| < 2³¹.
+const INTEGER: f64 = 6_755_399_441_055_744.0;
+
 fn snap(x: f64) -> i32 {
-    (x + 6_755_399_441_055_744.0).to_bits() as i32
+    (x + INTEGER).to_bits() as i32
 }

@@ -43,7 +43,7 @@ pub struct Renderer {
 /// Working memory of a thread that draws bands.
 #[derive(Debug, Default)]
 struct Workspace {
-    keys: Vec<u64>,
+    keys: Vec<i64>,
     /// A depth for each tile of the band.
     tiles: Vec<f32>,
     spans: Vec<Range<usize>>,
@@ -122,9 +122,10 @@ impl Renderer {
         let draw = |(k, (strip, shown)): (usize, (Strip, &Vec<Seen>))| {
             let mut workspace = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
             let Workspace { keys, tiles, spans } = &mut workspace;
-            keys.resize(strip.depth.len(), 0);
+            let stride = (width + 7).next_multiple_of(8);
+            keys.resize(stride * (strip.depth.len() / width + 1), 0);
             let (top, height) = ((k * rows) as i32, (strip.depth.len() / width) as i32);
-            let mut band = Band { top, width: width as i32, height, keys, spans };
+            let mut band = Band { top, width: width as i32, height, stride: stride as i32, keys, spans };
             sight.draw(shown, options.cull_back_faces, &mut band, tiles);
             finisher.finish(k * rows * width, &band, strip);
             self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
@@ -184,7 +185,7 @@ impl Finisher<'_> {
         let Strip { depth, face, barycentric } = strip;
         let rows = depth.chunks_exact_mut(self.width).zip(face.chunks_exact_mut(self.width));
         dispatch!(self.level, _simd => {
-            for (((depth, face), keys), y) in rows.zip(band.keys.chunks_exact(self.width)).zip(0..) {
+            for (((depth, face), keys), y) in rows.zip(band.keys.chunks_exact(band.stride as usize)).zip(0..) {
                 let span = &band.spans[y / TILE];
                 for beside in [0..span.start, span.end..self.width] {
                     depth[beside.clone()].fill(f32::INFINITY);

@@ -5,11 +5,13 @@
 //! is not behind all that it has. Both only spare work: the picture is the same.
 
 use crate::band::{Band, TILE};
+use crate::batch::LANES;
 use crate::meshlets::Meshlets;
 use crate::projector::Projector;
 use crate::sieve::Sieve;
-use fearless_simd::{Level, dispatch, prelude::*};
+use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, prelude::*};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Meshlets a task looks at.
 const TASK: usize = 512;
@@ -79,40 +81,89 @@ impl Sight<'_> {
     #[inline(always)]
     fn draw_with<S: Simd>(&self, simd: S, shown: &[Seen], cull: bool, band: &mut Band, tiles: &mut Vec<f32>) {
         let mut sieve = Sieve::new(self.projector, cull);
-        let columns = (band.width as usize).div_ceil(TILE);
-        let (top, rows) = (band.top as usize / TILE, (band.height as usize).div_ceil(TILE));
-        // The tiles of a meshlet, a range a row.
-        let reach = |seen: &Seen| {
-            let [left, right] = seen.x.map(usize::from);
-            let [first, last] = seen.y.map(usize::from);
-            let rows = first.max(top) - top..(last + 1 - top).min(rows);
-            rows.map(move |row| row * columns + left..row * columns + right + 1)
-        };
-        // The nearest far end in each tile, negative where there is none.
-        tiles.clear();
-        tiles.resize(columns * rows, -1.0);
-        for seen in shown {
-            reach(seen).for_each(|range| tiles[range].iter_mut().for_each(|tile| *tile = tile.max(seen.w[0])));
-        }
-        band.clear(tiles);
+        let mut grid = Grid::new(simd, band, tiles);
+        shown.iter().for_each(|seen| grid.raise(simd, seen));
+        band.clear(grid.tiles, grid.stride);
         let slope = STEEPEST * TILE as f32 / self.projector.focal();
         let mut hidden = Vec::new();
         for seen in shown {
             let [far, near] = seen.w;
-            let nearest = near + 2.0 * (near - far) + slope * near;
-            if reach(seen).any(|range| tiles[range].iter().any(|&far| nearest >= far)) {
+            if grid.lets_through(simd, seen, near + 2.0 * (near - far) + slope * near) {
                 sieve.sift(simd, &self.meshlets.meshlet(seen.meshlet as usize), band);
             } else {
                 hidden.push(seen);
             }
         }
-        sieve.flush(simd, band);
-        band.farthest(tiles);
+        band.farthest(grid.tiles, grid.stride);
         for seen in hidden {
-            if reach(seen).any(|range| tiles[range].iter().any(|&farthest| seen.w[1] >= farthest)) {
+            if grid.lets_through(simd, seen, seen.w[1]) {
                 sieve.sift(simd, &self.meshlets.meshlet(seen.meshlet as usize), band);
             }
         }
-        sieve.flush(simd, band);
+    }
+}
+
+/// 1/z of a depth in each tile of a band, negative where there is none.
+struct Grid<'a, S: Simd> {
+    tiles: &'a mut [f32],
+    /// Numbers in a row: sixteen may be read from any tile on.
+    stride: usize,
+    /// The rows of the picture's tiles that the band has.
+    rows: Range<usize>,
+    lanes: i32x16<S>,
+}
+
+impl<'a, S: Simd> Grid<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, band: &Band, tiles: &'a mut Vec<f32>) -> Self {
+        let stride = (band.width as usize).div_ceil(TILE) + LANES - 1;
+        let top = band.top as usize / TILE;
+        let rows = top..top + (band.height as usize).div_ceil(TILE);
+        tiles.clear();
+        tiles.resize(stride * rows.len(), -1.0);
+        Self { tiles, stride, rows, lanes: i32x16::load_array(simd, std::array::from_fn(|k| k as i32)) }
+    }
+
+    /// Puts a meshlet's far end into the tiles that it reaches into, unless a nearer one is there.
+    #[inline(always)]
+    fn raise(&mut self, simd: S, seen: &Seen) {
+        self.any(
+            seen,
+            #[inline(always)]
+            |tiles, reached| {
+                let there = f32x16::from_slice(simd, tiles);
+                reached.select(there.max(seen.w[0]), there).store_slice(tiles);
+                false
+            },
+        );
+    }
+
+    /// Whether what is as near as this would be seen in any of the tiles that a meshlet reaches into.
+    #[inline(always)]
+    fn lets_through(&mut self, simd: S, seen: &Seen, nearest: f32) -> bool {
+        self.any(
+            seen,
+            #[inline(always)]
+            |tiles, reached| (reached & f32x16::from_slice(simd, tiles).simd_le(nearest)).any_true(),
+        )
+    }
+
+    /// Whether something holds of sixteen tiles, of which a meshlet reaches into some.
+    #[inline(always)]
+    fn any(&mut self, seen: &Seen, mut holds: impl FnMut(&mut [f32], mask32x16<S>) -> bool) -> bool {
+        let [left, right] = seen.x.map(usize::from);
+        let [first, last] = seen.y.map(usize::from);
+        for row in first.max(self.rows.start)..(last + 1).min(self.rows.end) {
+            let mut x = left;
+            while x <= right {
+                let start = (row - self.rows.start) * self.stride + x;
+                let reached = self.lanes.simd_le((right - x) as i32);
+                if holds(&mut self.tiles[start..start + LANES], reached) {
+                    return true;
+                }
+                x += LANES;
+            }
+        }
+        false
     }
 }

@@ -41,7 +41,7 @@ fn no_cracks() {
     // behind the camera.
     let ahead = |x, y, z| Pose::new(Rotation3::identity(), Vector3::new(x, y, z));
     let close = Pose::new(Rotation3::new(Vector3::new(1.1, 0.0, 0.0)), Vector3::new(0.0, 0.1, 0.3));
-    for n in [1, 4, 30, 200] {
+    for n in [1, 4, 16, 30, 200] {
         let scene = wall(n, u64::from(n));
         for camera in [camera(160, 120), distorting_camera(160, 120)] {
             for pose in [ahead(0.0, 0.0, 2.0), ahead(0.31, 0.17, 1.3)] {
@@ -61,29 +61,32 @@ fn no_cracks() {
 #[test]
 fn shared_edges_are_drawn_once() {
     // Vertices on pixel centres, where the fill rule decides everything. Each triangle is drawn alone: together they must
-    // cover each centre of the square exactly once.
-    let camera = Camera::ideal(41, 41, 20.0);
-    let pose = Pose::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 1.0));
-    let vertex = |x: i32, y: i32| [(x - 20) as f32 / 20.0, (y - 20) as f32 / 20.0, 0.0];
+    // cover each centre of the square exactly once. In the second picture large triangles share edges with small ones.
     let mut rng = StdRng::seed_from_u64(5);
-    for _ in 0..40 {
-        let (x, y) = (rng.random_range(6..35), rng.random_range(6..35));
-        let positions = vec![vertex(5, 5), vertex(35, 5), vertex(35, 35), vertex(5, 35), vertex(x, y)];
-        let mut times = vec![0; 41 * 41];
-        for k in 0..4 {
-            let corners = [k, (k + 1) % 4, 4];
-            let turned = [corners[1], corners[0], 4];
-            for indices in [corners, turned] {
-                let scene = Scene { positions: positions.clone(), indices: vec![indices] };
-                for (count, face) in times.iter_mut().zip(seen(&scene, &camera, &pose).face) {
-                    *count += usize::from(face != NO_FACE);
+    for size in [41, 141] {
+        let (middle, end) = (size / 2, size - 6);
+        let camera = Camera::ideal(size as u32, size as u32, f64::from(middle));
+        let pose = Pose::new(Rotation3::identity(), Vector3::new(0.0, 0.0, 1.0));
+        let vertex = |x: i32, y: i32| [(x - middle) as f32 / middle as f32, (y - middle) as f32 / middle as f32, 0.0];
+        for _ in 0..40 {
+            let (x, y) = (rng.random_range(6..end), rng.random_range(6..end));
+            let positions = vec![vertex(5, 5), vertex(end, 5), vertex(end, end), vertex(5, end), vertex(x, y)];
+            let mut times = vec![0; (size * size) as usize];
+            for k in 0..4 {
+                let corners = [k, (k + 1) % 4, 4];
+                let turned = [corners[1], corners[0], 4];
+                for indices in [corners, turned] {
+                    let scene = Scene { positions: positions.clone(), indices: vec![indices] };
+                    for (count, face) in times.iter_mut().zip(seen(&scene, &camera, &pose).face) {
+                        *count += usize::from(face != NO_FACE);
+                    }
                 }
             }
-        }
-        for (index, count) in times.into_iter().enumerate() {
-            // The square's own left and top edges belong to it, right and bottom do not.
-            let inside = (5..35).contains(&(index % 41)) && (5..35).contains(&(index / 41));
-            assert_eq!(count, if inside { 2 } else { 0 }, "pixel {index}, inner vertex ({x}, {y})");
+            for (index, count) in (0..).zip(times) {
+                // The square's own left and top edges belong to it, right and bottom do not.
+                let inside = (5..end).contains(&(index % size)) && (5..end).contains(&(index / size));
+                assert_eq!(count, if inside { 2 } else { 0 }, "pixel {index} of {size}², inner vertex ({x}, {y})");
+            }
         }
     }
 }
