@@ -141,7 +141,7 @@ impl Renderer {
 
 /// Rows of a band: so many that its keys stay in a cache and that all threads have some to draw.
 fn band_rows(width: usize, height: usize, threads: usize) -> usize {
-    let most = (65_536 / width).max(TILE);
+    let most = (131_072 / width).max(TILE);
     let rows = if threads > 1 { most.min(height / (6 * threads)) } else { most.min(height) };
     rows.div_ceil(TILE).max(1) * TILE
 }
