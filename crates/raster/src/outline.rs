@@ -4,6 +4,9 @@
 //! columns first, then for every row the lower envelope of the parabolas `(x − q)² + f(q)` that its pixels q send up.
 
 use crate::gbuffer::{GBuffer, NO_FACE};
+use fearless_simd::{Level, dispatch};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// A background pixel near the silhouette.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,23 +24,51 @@ pub struct HaloPixel {
 ///
 /// Among several nearest pixels one is chosen, always the same one.
 pub fn outline(gbuffer: &GBuffer, band: f32) -> Vec<HaloPixel> {
-    let width = gbuffer.width as usize;
-    let mut halo = Vec::new();
+    let (width, height) = (gbuffer.width as usize, gbuffer.height as usize);
     if width == 0 {
-        return halo;
+        return Vec::new();
     }
-    let reach = f64::from(band.max(0.0)).min(f64::from(FAR - 1));
-    let limit = (reach * reach) as i64;
-    let reach = reach as u16;
-    let below = rows_to_surface(gbuffer);
+    let band = f64::from(band.max(0.0)).min(f64::from(FAR - 1));
+    let rows = STRIP.max(4 * band as usize);
+    let strip = |top: usize| {
+        let rows = top..height.min(top + rows);
+        dispatch!(Level::new(), _simd => strip(&gbuffer.face, width, rows, band))
+    };
+    if rows >= height {
+        return strip(0);
+    }
+    let tops: Vec<usize> = (0..height).step_by(rows).collect();
+    tops.into_par_iter().map(strip).collect::<Vec<_>>().concat()
+}
+
+/// The fewest rows that are worth a task.
+const STRIP: usize = 256;
+
+/// The halo in some rows of a picture.
+#[inline(always)]
+fn strip(faces: &[u32], width: usize, rows: Range<usize>, band: f64) -> Vec<HaloPixel> {
+    let (limit, reach) = ((band * band) as i64, band as u16);
+    let reaching = rows.start.saturating_sub(reach.into())..(rows.end + usize::from(reach)).min(faces.len() / width);
+    let row = |y: usize| &faces[y * width..][..width];
+    // For each pixel the number of rows down to the next surface pixel of its column.
+    let mut below = vec![FAR; rows.len() * width];
+    let mut last = vec![FAR; width];
+    for y in (rows.start..reaching.end).rev() {
+        count(&mut last, row(y));
+        if y < rows.end {
+            below[(y - rows.start) * width..][..width].copy_from_slice(&last);
+        }
+    }
     let mut above = vec![FAR; width];
+    (reaching.start..rows.start).for_each(|y| count(&mut above, row(y)));
     let mut nearest = vec![FAR; width];
     let mut envelope = Vec::new();
-    let rows = below.chunks_exact(width).zip(gbuffer.face.chunks_exact(width));
-    for (y, (below, faces)) in rows.enumerate() {
-        for (((above, nearest), &below), &face) in above.iter_mut().zip(&mut nearest).zip(below).zip(faces) {
-            *above = if face == NO_FACE { above.saturating_add(1) } else { 0 };
-            *nearest = below.min(*above);
+    let mut halo = Vec::new();
+    for (y, below) in rows.zip(below.chunks_exact(width)) {
+        let faces = row(y);
+        count(&mut above, faces);
+        for ((nearest, &above), &below) in nearest.iter_mut().zip(&above).zip(below) {
+            *nearest = below.min(above);
         }
         build_envelope(&nearest, reach, &mut envelope);
         for (k, parabola) in envelope.iter().enumerate() {
@@ -64,18 +95,12 @@ pub fn outline(gbuffer: &GBuffer, band: f32) -> Vec<HaloPixel> {
 /// More rows than are counted.
 const FAR: u16 = u16::MAX;
 
-/// For each pixel the number of rows down to the next surface pixel of its column.
-fn rows_to_surface(gbuffer: &GBuffer) -> Vec<u16> {
-    let width = gbuffer.width as usize;
-    let mut below = vec![FAR; gbuffer.face.len()];
-    let mut last = vec![FAR; width];
-    for (below, faces) in below.chunks_exact_mut(width).zip(gbuffer.face.chunks_exact(width)).rev() {
-        for ((below, last), &face) in below.iter_mut().zip(&mut last).zip(faces) {
-            *last = if face == NO_FACE { last.saturating_add(1) } else { 0 };
-            *below = *last;
-        }
+/// Counts the rows since the last surface pixel of each column one row on.
+#[inline(always)]
+fn count(away: &mut [u16], faces: &[u32]) {
+    for (away, &face) in away.iter_mut().zip(faces) {
+        *away = if face == NO_FACE { away.saturating_add(1) } else { 0 };
     }
-    below
 }
 
 /// `(x − self.x)² + rows²`, the lowest of a row's parabolas from `start` to the start of the next.

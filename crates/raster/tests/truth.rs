@@ -71,6 +71,29 @@ fn barycentrics_give_the_point_on_the_ray() {
 }
 
 #[test]
+fn many_pixels_together_are_what_they_are_one_by_one() {
+    let scene = Scene::bumpy_sphere(24);
+    for camera in [camera(120, 90), distorting_camera(120, 90)] {
+        let (mesh, pose) = (scene.triangles(), pose(3.0));
+        let picture = render(&mesh, &camera, &pose, &Options::default());
+        // In an order in which few are near the one before.
+        let pixel = |i: usize| Point2::new((i % 120) as f64, (i / 120) as f64);
+        let pixels: Vec<(u32, Point2<f64>)> =
+            (0..10_800).map(|i| i * 37 % 10_800).map(|i| (picture.face[i], pixel(i))).collect();
+        let together = Raycaster::new(&camera, &pose).barycentrics(&mesh, &pixels);
+        for (found, &(face, pixel)) in together.iter().zip(&pixels) {
+            let alone = Raycaster::new(&camera, &pose).barycentric(&mesh, face, pixel).unwrap_or([f32::NAN; 2]);
+            assert_eq!(alone[0].is_nan(), found[0].is_nan());
+            assert!(alone.iter().zip(found).all(|(a, b)| a.is_nan() || (a - b).abs() < 1e-6), "{alone:?}, {found:?}");
+        }
+        let pixels: Vec<Point2<f64>> = pixels.into_iter().map(|(_, pixel)| pixel).collect();
+        for (ray, pixel) in Raycaster::new(&camera, &pose).rays(&pixels).into_iter().zip(pixels) {
+            assert!((pose.rotation * ray - camera.unproject(&pixel).unwrap()).norm() < 1e-12);
+        }
+    }
+}
+
+#[test]
 fn closed_surfaces_look_the_same_without_their_back() {
     let scene = Scene::bumpy_sphere(40);
     let (camera, pose) = (camera(160, 120), pose(3.0));
