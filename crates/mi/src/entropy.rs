@@ -2,7 +2,7 @@
 
 use crate::joint::{column_sums, row_sums};
 use crate::metric::dot;
-use crate::{Joint, Metric};
+use crate::{Joint, Measurement, Metric};
 
 /// The entropies of a joint density and its marginals, in nats.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,6 +121,13 @@ impl<M: EntropyMetric> Metric for M {
 
     fn unit(&self, joint: &Joint) -> f64 {
         -self.at(&Marginals::of(joint).entropies).first[2]
+    }
+
+    fn measure(&self, joint: &Joint) -> Measurement {
+        let marginals = Marginals::of(joint);
+        let function = self.at(&marginals.entropies);
+        let derivative = marginals.derivative(joint, &function);
+        Measurement { value: function.value, derivative, unit: -function.first[2] }
     }
 
     fn bend(&self, joint: &Joint, changes: &[Vec<f64>]) -> Option<Vec<f64>> {

@@ -49,7 +49,7 @@ pub use entropy::{
 pub use hessian::hessian;
 pub use histogram::Histogram;
 pub use joint::Joint;
-pub use metric::{Metric, Product, Sum};
+pub use metric::{Measurement, Metric, Product, Sum};
 pub use moments::{Correlation, CorrelationRatio, SquaredDifference};
 pub use mutual::{Mutual, PhotoPair};
 pub use orientation::{Agreement, EdgeAgreement};

@@ -20,12 +20,28 @@ pub trait Metric: Send + Sync {
     /// `a` times one, `Σ s² g gᵀ / a`.
     fn unit(&self, joint: &Joint) -> f64;
 
+    /// All three at once: what they have in common is computed once.
+    fn measure(&self, joint: &Joint) -> Measurement {
+        Measurement { value: self.value(joint), derivative: self.derivative(joint), unit: self.unit(joint) }
+    }
+
     /// The second derivatives `Σ Σ ∂²value/∂p∂p' dp_k dp'_l` along `K` tables of changes of the density, as `K × K` numbers;
     /// `None` for a metric that does not tell them.
     fn bend(&self, joint: &Joint, changes: &[Vec<f64>]) -> Option<Vec<f64>> {
         let _ = (joint, changes);
         None
     }
+}
+
+/// What a metric says of a density.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measurement {
+    /// [`Metric::value`].
+    pub value: f64,
+    /// [`Metric::derivative`].
+    pub derivative: Vec<f64>,
+    /// [`Metric::unit`].
+    pub unit: f64,
 }
 
 /// The sum of two metrics.

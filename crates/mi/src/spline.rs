@@ -3,7 +3,7 @@
 use crate::Real;
 
 /// The cubic B-spline at the four neighbours of a place that lies `t` (0..=1) after the second, and its derivative by `t`.
-#[inline]
+#[inline(always)]
 pub fn cubic<T: Real>(t: T) -> ([T; 4], [T; 4]) {
     let c = T::of;
     let s = c(1.0) - t;
