@@ -40,38 +40,42 @@ impl<C: Real> Grid<C> {
     }
 
     /// Value and gradient `(v, ∂v/∂x, ∂v/∂y)` at a place, pixel centres at whole numbers; `None` outside the picture.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sample<T: Real>(&self, x: f64, y: f64) -> Option<[T; 3]> {
         let (first, [tx, ty]) = self.place(x, y)?;
         let ((wx, dx), (wy, dy)) = (cubic(T::of(tx)), cubic(T::of(ty)));
-        let mut out = [T::default(); 3];
-        for j in 0..4 {
-            let line = self.line::<T>(first, j);
-            let (value, slope) = (dot(line, wx), dot(line, dx));
-            out[0] += wy[j] * value;
-            out[1] += wy[j] * slope;
-            out[2] += dy[j] * value;
-        }
-        Some(out)
+        let [values, slopes] = self.columns(first, [wy, dy]);
+        Some([dot(values, wx), dot(values, dx), dot(slopes, wx)])
     }
 
-    /// The second derivatives `(∂²v/∂x², ∂²v/∂x∂y, ∂²v/∂y²)` at a place; `None` outside the picture.
-    pub(crate) fn bend<T: Real>(&self, x: f64, y: f64) -> Option<[T; 3]> {
+    /// The gradient at a place, and the second derivatives `(∂²v/∂x², ∂²v/∂x∂y, ∂²v/∂y²)`; `None` outside the picture.
+    #[inline(always)]
+    pub(crate) fn bend<T: Real>(&self, x: f64, y: f64) -> Option<([T; 2], [T; 3])> {
         let (first, [tx, ty]) = self.place(x, y)?;
         let ((wx, dx), (wy, dy)) = (cubic(T::of(tx)), cubic(T::of(ty)));
         let (bx, by) = (second(T::of(tx)), second(T::of(ty)));
-        let mut out = [T::default(); 3];
+        let [values, slopes, bends] = self.columns(first, [wy, dy, by]);
+        let gradient = [dot(values, dx), dot(slopes, wx)];
+        Some((gradient, [dot(values, bx), dot(slopes, dx), dot(bends, wx)]))
+    }
+
+    /// The four columns around a place, each weighed down the rows in several ways.
+    #[inline(always)]
+    fn columns<T: Real, const N: usize>(&self, first: usize, weights: [[T; 4]; N]) -> [[T; 4]; N] {
+        let mut sums = [[T::default(); 4]; N];
         for j in 0..4 {
-            let line = self.line::<T>(first, j);
-            out[0] += wy[j] * dot(line, bx);
-            out[1] += dy[j] * dot(line, dx);
-            out[2] += by[j] * dot(line, wx);
+            let line = &self.padded[first + j * (self.width + 2 * MARGIN)..][..4];
+            for (sums, weights) in sums.iter_mut().zip(&weights) {
+                for (sum, &value) in sums.iter_mut().zip(line) {
+                    *sum += weights[j] * T::of(value.into());
+                }
+            }
         }
-        Some(out)
+        sums
     }
 
     /// The index of the first coefficient around a place, and the place between the second and the third.
-    #[inline]
+    #[inline(always)]
     fn place(&self, x: f64, y: f64) -> Option<(usize, [f64; 2])> {
         let inside = x >= -0.5 && y >= -0.5 && x <= self.width as f64 - 0.5 && y <= self.height as f64 - 0.5;
         if !inside {
@@ -82,21 +86,15 @@ impl<C: Real> Grid<C> {
         let (column, row) = (x as usize, y as usize);
         Some(((row - 1) * (self.width + 2 * MARGIN) + column - 1, [x - column as f64, y - row as f64]))
     }
-
-    #[inline]
-    fn line<T: Real>(&self, first: usize, j: usize) -> [T; 4] {
-        let line = &self.padded[first + j * (self.width + 2 * MARGIN)..][..4];
-        std::array::from_fn(|i| T::of(line[i].into()))
-    }
 }
 
-#[inline]
+#[inline(always)]
 fn dot<T: Real>(a: [T; 4], b: [T; 4]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
 
 /// The second derivative of [`cubic`].
-#[inline]
+#[inline(always)]
 fn second<T: Real>(t: T) -> [T; 4] {
     let c = T::of;
     let s = c(1.0) - t;

@@ -8,15 +8,16 @@
 
 use crate::needles::Edges;
 use crate::options::{Composition, Terms};
-use crate::parameters::{Dense, POSE, ViewSpace};
+use crate::parameters::{Dense, MOST, POSE, ViewSpace};
 use crate::pyramid::Level;
 use crate::samples::SurfaceSamples;
-use crate::sweep::{look, weigh};
+use crate::sweep::{look, rows, weigh};
 use crate::{FocalSource, Refine};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use texreg_camera::{Camera, View};
-use texreg_mi::{Density, Metric, Parzen, Real, Samples};
-use texreg_optim::{Curvature, Derivatives, Objective};
+use texreg_mi::{Density, Measurement, Metric, Parzen, Real, Samples};
+use texreg_optim::{Curvature, Derivatives, Manifold, Objective};
 
 /// What is known of the camera before the photo was looked at.
 #[derive(Clone, Copy, Debug)]
@@ -99,8 +100,8 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
     fn over_density(&self, metric: &dyn Metric, at: &View) -> (f64, Shown<T>) {
         let (values, slopes) = look(&self.samples.points, self.level, at);
         let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &values });
-        let (table, unit) = (metric.derivative(&joint), metric.unit(&joint));
-        (metric.value(&joint), Shown { values, slopes, table, unit, edges: None })
+        let Measurement { value, derivative: table, unit } = metric.measure(&joint);
+        (value, Shown { values, slopes, table, unit, edges: None })
     }
 
     /// What the metric would be at a view if the model told nothing of the photo: over the product of the marginals of each joint
@@ -109,7 +110,14 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
     pub(crate) fn independent(&self, at: &View) -> Option<[f64; 2]> {
         let camera = self.level.camera(&at.camera);
         let density = self.terms.density.as_ref().map(|metric| {
-            let (values, _) = look::<T>(&self.samples.points, self.level, at);
+            let looked;
+            let values = match self.seen_from(at) {
+                Some(seen) => &seen.shown.values,
+                None => {
+                    looked = look::<T>(&self.samples.points, self.level, at).0;
+                    &looked
+                }
+            };
             let mixed: Vec<T> = mixed(values.len()).map(|i| values[i]).collect();
             let joint = self.density.estimate(&Samples { model: &self.samples.bins, photo: &mixed });
             [metric.value(&joint.independent()), metric.value(&joint)]
@@ -142,7 +150,7 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
                 .needles
                 .as_ref()
                 .zip(shown.edges.as_ref())
-                .map(|(needles, edges)| needles.derivatives(edges, scale, &camera, at, refine)),
+                .map(|(needles, edges)| needles.derivatives(edges, self.level, at, refine)),
             silhouettes.map(|(contour, silhouette)| contour.derivatives(silhouette, &camera, at, refine, scale)),
         ]
     }
@@ -163,19 +171,76 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
 
     /// The derivatives at a view, by a step of the chart and by the camera's components.
     pub(crate) fn dense(&mut self, at: &View) -> Dense {
-        if self.seen.as_ref().is_none_or(|seen| seen.view != *at) {
+        self.ensure(at);
+        let terms = self.seen_from(at).map(|seen| (seen.values, self.term_derivatives(at, &seen.shown)));
+        let (values, terms) = terms.unwrap_or_default();
+        self.together(at, &values, &terms)
+    }
+
+    /// The gradients at a view without each of some groups of samples: the photo is looked at once.
+    pub(crate) fn gradients_without(&mut self, at: &View, groups: &[Vec<usize>]) -> Vec<DVector<f64>> {
+        self.ensure(at);
+        let Some(seen) = self.seen_from(at) else {
+            return vec![DVector::zeros(self.space.dimension()); groups.len()];
+        };
+        let (points, shown, refine) = (&self.samples.points, &seen.shown, self.space.refine);
+        let rows = rows(points, &shown.slopes, self.level, at, refine);
+        let all = self.term_derivatives(at, shown);
+        let without = |group: &Vec<usize>| {
+            let mut is_kept = vec![true; points.len()];
+            group.iter().for_each(|&i| is_kept[i] = false);
+            let kept: Vec<usize> = (0..points.len()).filter(|&i| is_kept[i]).collect();
+            let of = |i: &usize| self.samples.shading.get(*i).copied();
+            let samples = SurfaceSamples {
+                bins: kept.iter().map(|&i| self.samples.bins[i]).collect(),
+                shading: kept.iter().map_while(of).collect(),
+                metric: self.samples.metric,
+                ..SurfaceSamples::default()
+            };
+            let (mut values, mut terms) = (seen.values, all.clone());
+            if let Some(metric) = self.samples.metric.terms(&samples, self.density).density {
+                let photo: Vec<T> = kept.iter().map(|&i| shown.values[i]).collect();
+                let pairs = Samples { model: &samples.bins, photo: &photo };
+                let joint = self.density.estimate(&pairs);
+                let scores = self.density.scores(&pairs, &metric.derivative(&joint));
+                let mut sum = [0.0; MOST];
+                for (&i, &score) in kept.iter().zip(&scores) {
+                    let score: f64 = score.into();
+                    sum.iter_mut().zip(&rows[i]).for_each(|(sum, x)| *sum += score * x);
+                }
+                values[0] = Some(metric.value(&joint));
+                let share = 1.0 / kept.len().max(1) as f64;
+                if let Some(term) = &mut terms[0] {
+                    term.gradient = DVector::from_fn(refine.dimension(), |k, _| share * sum[k]);
+                }
+            }
+            self.together(at, &values, &terms).gradient
+        };
+        groups.par_iter().map(without).collect()
+    }
+
+    /// Evaluates a view, unless it was the last.
+    fn ensure(&mut self, at: &View) {
+        if self.seen_from(at).is_none() {
             self.value(at);
         }
+    }
+
+    /// What a view shows, if it was evaluated last.
+    fn seen_from(&self, at: &View) -> Option<&Seen<T>> {
+        self.seen.as_ref().filter(|seen| seen.view == *at)
+    }
+
+    /// The derivatives of the whole from the terms' values and derivatives.
+    fn together(&self, at: &View, values: &[Option<f64>; 3], terms: &[Option<Dense>; 3]) -> Dense {
         let dimension = self.space.refine.dimension();
         let mut tangent =
             Dense { gradient: DVector::zeros(dimension), curvature: DMatrix::zeros(dimension, dimension) };
-        if let Some(seen) = self.seen.as_ref().filter(|seen| seen.view == *at) {
-            let (_, weights) = self.compose(&seen.values);
-            for (term, weight) in self.term_derivatives(at, &seen.shown).into_iter().zip(weights) {
-                if let Some(Dense { gradient, curvature }) = term {
-                    tangent.gradient += weight * gradient;
-                    tangent.curvature += weight.abs() * curvature;
-                }
+        let (_, weights) = self.compose(values);
+        for (term, weight) in terms.iter().zip(weights) {
+            if let Some(Dense { gradient, curvature }) = term {
+                tangent.gradient += weight * gradient;
+                tangent.curvature += weight.abs() * curvature;
             }
         }
         let prior = self.prior.derivatives(self.space.refine, &at.camera);
@@ -193,7 +258,7 @@ impl<T: Real> Objective<View> for PhotoObjective<'_, T> {
         self.evaluations += 1;
         let camera = self.level.camera(&at.camera);
         let (value, shown) = self.terms.density.as_ref().map(|metric| self.over_density(&**metric, at)).unzip();
-        let edges = self.samples.needles.as_ref().map(|needles| needles.look::<T>(self.level, &camera, at));
+        let edges = self.samples.needles.as_ref().map(|needles| needles.look::<T>(self.level, at));
         let silhouettes = match self.samples.contour.as_ref().zip(self.level.silhouette.as_ref()) {
             Some((contour, silhouette)) => Some(contour.value(silhouette, &camera, at)?),
             None => None,
@@ -230,12 +295,10 @@ pub(crate) mod tests {
     use crate::bounds::Limits;
     use crate::contour::{Contour, Silhouette};
     use crate::needles::Needles;
-    use crate::parameters::MOST;
     use crate::{MetricName, RotationName};
     use nalgebra::{Point3, Rotation3, Vector3};
     use texreg_camera::{Distortion, Intrinsics};
     use texreg_lie::Pose;
-    use texreg_optim::Manifold;
     use texreg_raster::{GBuffer, Options, Renderer};
     use texreg_surface::{Attributes, Mesh};
 
@@ -330,6 +393,30 @@ pub(crate) mod tests {
                 let error = (gradient[k] - slope).abs() / scale;
                 assert!(error < 1e-6, "{metric}, {rotation}, component {k}: {} against {slope}", gradient[k]);
             }
+        }
+    }
+
+    #[test]
+    fn samples_are_left_out_as_if_they_had_not_been_there() {
+        let (view, level, samples) = drawn_scene();
+        let density = Parzen { model_bins: 7, photo_bins: 16 };
+        let group: Vec<usize> = (0..samples.points.len()).filter(|i| i % 7 < 3).collect();
+        let refine = Refine { focal: true, principal: false, distortion: true };
+        let prior = Prior { camera: view.camera, focal_from: FocalSource::Stated, weight: 0.0 };
+        for &metric in MetricName::ALL {
+            let space = ViewSpace { rotation: RotationName::Lie.chart(), refine, limits: Limits::default() };
+            let mut samples = SurfaceSamples { metric, ..samples.clone() };
+            samples.needles = samples.needles.filter(|_| metric.has_edges());
+            samples.contour = samples.contour.filter(|_| metric.has_silhouettes());
+            let mut all = PhotoObjective::<f64>::new(&samples, &level, &density, &space, prior);
+            let found = all.gradients_without(&view, std::slice::from_ref(&group)).remove(0);
+            let mut rest = samples.clone();
+            let kept = |i: usize| i % 7 >= 3;
+            rest.points = (0..).zip(&samples.points).filter(|(i, _)| kept(*i)).map(|(_, p)| *p).collect();
+            rest.bins = (0..).zip(&samples.bins).filter(|(i, _)| kept(*i)).map(|(_, bin)| *bin).collect();
+            rest.shading = (0..).zip(&samples.shading).filter(|(i, _)| kept(*i)).map(|(_, shade)| *shade).collect();
+            let expected = PhotoObjective::<f64>::new(&rest, &level, &density, &space, prior).dense(&view).gradient;
+            assert!((&found - &expected).amax() < 1e-9 * expected.amax(), "{metric}: {found} against {expected}");
         }
     }
 

@@ -114,6 +114,7 @@ impl Refine {
 }
 
 /// A gradient, and a dense curvature.
+#[derive(Clone)]
 pub(crate) struct Dense {
     pub(crate) gradient: DVector<f64>,
     pub(crate) curvature: DMatrix<f64>,

@@ -38,7 +38,7 @@ impl Level {
     }
 
     /// Value and gradient `(v, ∂v/∂x, ∂v/∂y)` at a place in this level's pixels; `None` outside the picture.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn sample<T: Real>(&self, x: f64, y: f64) -> Option<[T; 3]> {
         self.grid.sample(x, y)
     }

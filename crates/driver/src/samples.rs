@@ -56,6 +56,9 @@ pub(crate) struct Sampling {
     pub(crate) metric: MetricName,
 }
 
+/// Background samples taken by one task: fixed, as each ray is found from the one before.
+const CHUNK: usize = 2048;
+
 /// Background samples reach this many pixels of a level beyond the silhouette.
 const BAND: f32 = 12.0;
 
@@ -102,18 +105,19 @@ impl<'a> Sampler<'a> {
         let has_shading = sampling.metric.has_shading();
         let share = sampling.surface as f32 / covered as f32;
         let viewpoint = viewpoint(view);
+        let raycaster = Raycaster::new(&camera, &view.pose);
         let rows: Vec<Vec<(Point3<f64>, u16, f32)>> = picture
             .face
             .par_chunks(width)
             .enumerate()
             .with_min_len(16)
-            .map_init(
-                || Raycaster::new(&camera, &view.pose),
-                |raycaster, (y, faces)| {
-                    let kept = |&(x, &face): &(usize, &u32)| face != NO_FACE && dither(x, y) < share;
-                    let seen = faces.iter().enumerate().filter(kept);
-                    let samples = seen.filter_map(|(x, &face)| {
-                        let [v, w] = raycaster.barycentric(&mesh, face, Point2::new(x as f64, y as f64))?;
+            .map(|(y, faces)| {
+                let kept = |&(x, &face): &(usize, &u32)| face != NO_FACE && dither(x, y) < share;
+                let seen = faces.iter().enumerate().filter(kept);
+                let seen: Vec<_> = seen.map(|(x, &face)| (face, Point2::new(x as f64, y as f64))).collect();
+                let found = raycaster.clone().barycentrics(&mesh, &seen);
+                let samples =
+                    seen.into_iter().zip(found).filter(|(_, [v, _])| !v.is_nan()).map(|((face, _), [v, w])| {
                         let corners = self.mesh.triangles[face as usize];
                         let weights = [1.0 - v - w, v, w];
                         let point = corners.iter().zip(weights).map(|(&corner, weight)| {
@@ -123,11 +127,10 @@ impl<'a> Sampler<'a> {
                         let point = Point3::from(point.sum::<nalgebra::Vector3<f64>>());
                         let surfel = Surfel { mesh: self.mesh, corners, weights, viewpoint: &viewpoint };
                         let shading = if has_shading { Headlight { steps: 1 }.colour(&surfel)[0] } else { 0.0 };
-                        Some((point, self.signal.bin(&surfel) as u16, shading))
+                        (point, self.signal.bin(&surfel) as u16, shading)
                     });
-                    samples.collect()
-                },
-            )
+                samples.collect()
+            })
             .collect();
         let samples = rows.into_iter().flatten().map(|(point, bin, shading)| (point, (bin, shading)));
         let (mut points, (mut bins, mut shading)): (Vec<_>, (Vec<_>, Vec<_>)) = samples.unzip();
@@ -158,22 +161,26 @@ impl<'a> Sampler<'a> {
         let width = self.picture.width as usize;
         let pixels = outline(&self.picture, sampling.band);
         let share = sampling.halo as f32 / pixels.len() as f32;
-        let mesh_from_camera = view.pose.inverse();
         let kept = pixels.into_iter().filter_map(|halo| {
             let (x, y) = (halo.pixel as usize % width, halo.pixel as usize / width);
-            (dither(x, y) < share).then_some((x, y, halo.nearest as usize))
+            (dither(x, y) < share).then_some((Point2::new(x as f64, y as f64), halo.nearest as usize))
         });
-        let points = kept.filter_map(|(x, y, nearest)| {
-            let ray = camera.unproject(&Point2::new(x as f64, y as f64))?;
-            let depth = f64::from(self.picture.depth[nearest]);
-            Some(mesh_from_camera.transform_point(&Point3::from(ray * depth)))
+        let (pixels, nearest): (Vec<_>, Vec<usize>) = kept.unzip();
+        let (raycaster, centre) = (Raycaster::new(camera, &view.pose), view.pose.inverse().translation);
+        let parts = pixels.par_chunks(CHUNK).zip(nearest.par_chunks(CHUNK)).flat_map_iter(|(pixels, nearest)| {
+            let rays = raycaster.clone().rays(pixels);
+            let points = rays.into_iter().zip(nearest).filter(|(ray, _)| !ray.x.is_nan());
+            points.map(|(ray, &nearest)| Point3::from(centre + ray * f64::from(self.picture.depth[nearest])))
         });
-        points.collect()
+        parts.collect()
     }
 }
 
 /// A threshold in `0..1` for each pixel, spread evenly over any neighbourhood: J. Jimenez, *Next generation post processing
 /// in Call of Duty: Advanced Warfare*, SIGGRAPH 2014 (interleaved gradient noise).
+#[inline]
 pub(crate) fn dither(x: usize, y: usize) -> f32 {
-    (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract()
+    // `f32::fract` calls a library.
+    let fraction = |x: f32| x - x as i32 as f32;
+    fraction(52.982_918 * fraction(0.067_110_56 * x as f32 + 0.005_837_15 * y as f32))
 }

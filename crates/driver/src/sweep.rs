@@ -15,10 +15,10 @@ use texreg_mi::Real;
 const CHUNK: usize = 2048;
 
 /// Points that are projected together.
-const BLOCK: usize = 64;
+pub(crate) const BLOCK: usize = 64;
 
 /// Sums that go on side by side.
-const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// What a view sees of points in a level of the photo: the values, NaN outside it, and their slopes.
 pub(crate) fn look<T: Real>(points: &[Point3<f64>], level: &Level, view: &View) -> (Vec<T>, Vec<[T; 2]>) {
@@ -47,7 +47,7 @@ pub(crate) fn weigh<T: Real>(
         .into_par_iter()
         .map(|(points, slopes, scores)| {
             if refine == Refine::default() {
-                return dispatch!(features, _simd => projector.weigh(points, slopes, scores));
+                return dispatch!(features, _simd => projector.weigh(points, slopes, scores)).sums();
             }
             let mut sums = Sums::default();
             for ((point, slope), &score) in points.iter().zip(slopes).zip(scores) {
@@ -67,8 +67,24 @@ pub(crate) fn weigh<T: Real>(
     total
 }
 
+/// The derivatives of points' values by the tangent, for values that have such slopes; zero for a point without a pixel.
+pub(crate) fn rows<T: Real>(
+    points: &[Point3<f64>],
+    slopes: &[[T; 2]],
+    level: &Level,
+    view: &View,
+    refine: Refine,
+) -> Vec<[f64; MOST]> {
+    let camera = level.camera(&view.camera);
+    let row = |(point, slope): (&Point3<f64>, &[T; 2])| {
+        let slope = Vector2::new(slope[0].into(), slope[1].into());
+        chain(view, &camera, refine, level.scale, point, &slope).unwrap_or_default()
+    };
+    (points, slopes).into_par_iter().with_min_len(CHUNK).map(row).collect()
+}
+
 /// A view with what is the same for all points.
-struct Projector {
+pub(crate) struct Projector {
     camera: Camera,
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
@@ -78,7 +94,7 @@ struct Projector {
 }
 
 impl Projector {
-    fn new(level: &Level, view: &View) -> Self {
+    pub(crate) fn new(level: &Level, view: &View) -> Self {
         let camera = level.camera(&view.camera);
         Self {
             camera,
@@ -106,7 +122,7 @@ impl Projector {
 
     /// The pixels of at most a block of points; x is NaN where there is none.
     #[inline(always)]
-    fn project(&self, points: &[Point3<f64>], x: &mut [f64; BLOCK], y: &mut [f64; BLOCK]) {
+    pub(crate) fn project(&self, points: &[Point3<f64>], x: &mut [f64; BLOCK], y: &mut [f64; BLOCK]) {
         for ((point, x), y) in points.iter().zip(&mut *x).zip(&mut *y) {
             let p = self.rotation * point.coords + self.translation;
             let inverse = 1.0 / p.z;
@@ -130,55 +146,86 @@ impl Projector {
 
     /// The sums of one task, by the pose alone.
     #[inline(always)]
-    fn weigh<T: Real>(&self, points: &[Point3<f64>], slopes: &[[T; 2]], scores: &[T]) -> Sums<MOST> {
-        let mut first = [[0.0; LANES]; POSE];
-        let mut second = [[[0.0; LANES]; POSE]; POSE];
-        let mut rows = [[0.0; LANES]; POSE];
+    fn weigh<T: Real>(&self, points: &[Point3<f64>], slopes: &[[T; 2]], scores: &[T]) -> LaneSums {
+        let mut sums = LaneSums::default();
         let samples = points.chunks(LANES).zip(slopes.chunks(LANES)).zip(scores.chunks(LANES));
         for ((points, slopes), scores) in samples {
-            rows = if points.len() == LANES { rows } else { [[0.0; LANES]; POSE] };
-            for (lane, ((point, slope), &score)) in points.iter().zip(slopes).zip(scores).enumerate() {
-                let row = self.row(point, slope, score.into());
-                (0..POSE).for_each(|k| rows[k][lane] = row[k]);
+            let mut gradients = [[0.0; LANES]; 2];
+            for (lane, (slope, &score)) in slopes.iter().zip(scores).enumerate() {
+                let score: f64 = score.into();
+                (0..2).for_each(|k| gradients[k][lane] = score * slope[k].into());
             }
-            for i in 0..POSE {
-                for lane in 0..LANES {
-                    first[i][lane] += rows[i][lane];
-                }
-                for j in 0..=i {
-                    for lane in 0..LANES {
-                        second[i][j][lane] += rows[i][lane] * rows[j][lane];
-                    }
-                }
-            }
-        }
-        let mut sums = Sums::default();
-        for i in 0..POSE {
-            sums.first[i] = first[i].iter().sum();
-            (0..=i).for_each(|j| sums.second[i][j] = second[i][j].iter().sum());
+            sums.add(&self.rows(&across(points.iter().copied()), &gradients));
         }
         sums
     }
 
-    /// [`chain`] for the pose of a point that the photo shows, times its score; zero where that is zero.
+    /// [`chain`] for the pose, of points with such gradients by the level's pixels; zero where these are zero.
     #[inline(always)]
-    fn row<T: Real>(&self, point: &Point3<f64>, slope: &[T; 2], score: f64) -> [f64; POSE] {
-        let turned = self.rotation * point.coords;
-        let p = turned + self.translation;
-        let inverse = 1.0 / p.z;
-        let (x, y) = (p.x * inverse, p.y * inverse);
-        let gradient = score * Vector2::new(slope[0].into(), slope[1].into());
+    pub(crate) fn rows(&self, points: &[[f64; LANES]; 3], gradients: &[[f64; LANES]; 2]) -> [[f64; LANES]; POSE] {
         let linear = self.camera.intrinsics.linear();
-        let bend = if self.is_distorted {
-            self.camera.distortion.evaluate(&Vector2::new(x, y)).1
-        } else {
-            Matrix2::identity()
-        };
-        let plane = (linear * bend).tr_mul(&gradient) * inverse;
-        let by_point = Vector3::new(plane.x, plane.y, -(plane.x * x + plane.y * y));
-        let by_turn = turned.cross(&by_point);
-        let row = [by_turn.x, by_turn.y, by_turn.z, by_point.x, by_point.y, by_point.z];
-        if score == 0.0 { [0.0; POSE] } else { row }
+        let mut rows = [[0.0; LANES]; POSE];
+        for lane in 0..LANES {
+            let turned = self.rotation * Vector3::new(points[0][lane], points[1][lane], points[2][lane]);
+            let p = turned + self.translation;
+            let inverse = 1.0 / p.z;
+            let (x, y) = (p.x * inverse, p.y * inverse);
+            let gradient = Vector2::new(gradients[0][lane], gradients[1][lane]);
+            let bend = if self.is_distorted {
+                self.camera.distortion.evaluate(&Vector2::new(x, y)).1
+            } else {
+                Matrix2::identity()
+            };
+            let plane = (linear * bend).tr_mul(&gradient) * inverse;
+            let by_point = Vector3::new(plane.x, plane.y, -(plane.x * x + plane.y * y));
+            let by_turn = turned.cross(&by_point);
+            let row = [by_turn.x, by_turn.y, by_turn.z, by_point.x, by_point.y, by_point.z];
+            let is_none = (gradient.x == 0.0) & (gradient.y == 0.0);
+            for k in 0..POSE {
+                rows[k][lane] = if is_none { 0.0 } else { row[k] };
+            }
+        }
+        rows
+    }
+}
+
+/// The coordinates of at most so many points side by side; zero where there is none.
+#[inline(always)]
+pub(crate) fn across(points: impl Iterator<Item = Point3<f64>>) -> [[f64; LANES]; 3] {
+    let mut coordinates = [[0.0; LANES]; 3];
+    for (lane, point) in points.take(LANES).enumerate() {
+        (0..3).for_each(|k| coordinates[k][lane] = point[k]);
+    }
+    coordinates
+}
+
+/// Sums of rows by the pose, and of the lower triangles of their outer products, several side by side.
+#[derive(Default)]
+pub(crate) struct LaneSums {
+    first: [[f64; LANES]; POSE],
+    second: [[[f64; LANES]; POSE]; POSE],
+}
+
+impl LaneSums {
+    #[inline(always)]
+    pub(crate) fn add(&mut self, rows: &[[f64; LANES]; POSE]) {
+        for (i, row) in rows.iter().enumerate() {
+            self.first[i].iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
+            for (sums, other) in self.second[i].iter_mut().zip(&rows[..=i]) {
+                for (sum, (x, y)) in sums.iter_mut().zip(row.iter().zip(other)) {
+                    *sum += x * y;
+                }
+            }
+        }
+    }
+
+    pub(crate) fn sums(&self) -> Sums<MOST> {
+        let mut sums = Sums::default();
+        for i in 0..POSE {
+            sums.first[i] = self.first[i].iter().sum();
+            (0..=i).for_each(|j| sums.second[i][j] = self.second[i][j].iter().sum());
+        }
+        sums
     }
 }
 

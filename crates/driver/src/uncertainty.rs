@@ -19,7 +19,7 @@
 use crate::bounds::Limits;
 use crate::parameters::{POSE, Refine, ViewSpace};
 use crate::register::{EFFORTS, Registration};
-use crate::samples::{Sampler, Sampling, SurfaceSamples};
+use crate::samples::{Sampler, Sampling};
 use crate::sweep::chain;
 use crate::{Outcome, RotationName, Status};
 use nalgebra::{DMatrix, DVector, Matrix6, Point2, Point3, Vector2, Vector6};
@@ -102,9 +102,7 @@ impl Witness {
         let background = photo.model.signal.bins() as u16;
         let surface = samples.bins.iter().filter(|&&bin| bin != background).count();
         let probes: Vec<_> = samples.points[..surface].iter().step_by(surface / PROBES + 1).copied().collect();
-        let dense =
-            |samples: &SurfaceSamples, at: &View| photo.objective(0, samples, &space, expected, prior).dense(at);
-        let gradient = |samples: &SurfaceSamples, at: &View| dense(samples, at).gradient;
+        let objective = || photo.objective(0, &samples, &space, expected, prior);
         let reach = motions(view, refine, &probes);
         let columns: Vec<DVector<f64>> = (0..space.dimension())
             .into_par_iter()
@@ -113,14 +111,13 @@ impl Witness {
                 let at = |step: f64| {
                     let mut tangent = DVector::zeros(space.dimension());
                     tangent[k] = step;
-                    space.retract(view, &tangent).map(|at| gradient(&samples, &at))
+                    space.retract(view, &tangent).map(|at| objective().dense(&at).gradient)
                 };
                 Some((at(-step)? - at(step)?) / (2.0 * step))
             })
             .collect::<Option<_>>()?;
-        let information = convex(&DMatrix::from_columns(&columns), &dense(&samples, view).curvature)?;
-        let mut left: Vec<DVector<f64>> =
-            regions(view, &samples).into_par_iter().map(|rest| gradient(&rest, view)).collect();
+        let information = convex(&DMatrix::from_columns(&columns), &objective().dense(view).curvature)?;
+        let mut left = objective().gradients_without(view, &regions(view, &samples.points));
         let mean = left.iter().sum::<DVector<f64>>() / left.len() as f64;
         left.iter_mut().for_each(|left| *left -= &mean);
         Some(Self { view: *view, refine, probes, information, left })
@@ -137,10 +134,10 @@ fn convex(hessian: &DMatrix<f64>, fisher: &DMatrix<f64>) -> Option<DMatrix<f64>>
     Some(&unit * eigen.recompose() * unit.transpose())
 }
 
-/// The samples without those of each region: halves of halves, with as many samples in each.
-fn regions(view: &View, samples: &SurfaceSamples) -> Vec<SurfaceSamples> {
+/// The points of each region: halves of halves, with as many in each.
+fn regions(view: &View, points: &[Point3<f64>]) -> Vec<Vec<usize>> {
     let pixel = |point: &Point3<f64>| view.project(point).unwrap_or(Point2::origin());
-    let pixels: Vec<Point2<f64>> = samples.points.iter().map(pixel).collect();
+    let pixels: Vec<Point2<f64>> = points.par_iter().with_min_len(1024).map(pixel).collect();
     let mut regions = vec![(0..pixels.len()).collect::<Vec<usize>>()];
     while regions.len() < REGIONS {
         let halves = regions.into_iter().flat_map(|mut region| {
@@ -150,27 +147,17 @@ fn regions(view: &View, samples: &SurfaceSamples) -> Vec<SurfaceSamples> {
                 high - low
             };
             let axis = usize::from(extent(1) > extent(0));
-            region.sort_by(|&i, &j| pixels[i][axis].total_cmp(&pixels[j][axis]).then(i.cmp(&j)));
-            let half = region.split_off(region.len() / 2);
+            let middle = region.len() / 2;
+            if middle < region.len() {
+                let order = |&i: &usize, &j: &usize| pixels[i][axis].total_cmp(&pixels[j][axis]).then(i.cmp(&j));
+                region.select_nth_unstable_by(middle, order);
+            }
+            let half = region.split_off(middle);
             [region, half]
         });
         regions = halves.collect();
     }
-    let without = |region: Vec<usize>| {
-        let mut kept = vec![true; pixels.len()];
-        region.into_iter().for_each(|i| kept[i] = false);
-        let indices = || (0..pixels.len()).filter(|&i| kept[i]);
-        SurfaceSamples {
-            points: indices().map(|i| samples.points[i]).collect(),
-            bins: indices().map(|i| samples.bins[i]).collect(),
-            covered: samples.covered,
-            metric: samples.metric,
-            shading: indices().map_while(|i| samples.shading.get(i).copied()).collect(),
-            needles: samples.needles.clone(),
-            contour: samples.contour.clone(),
-        }
-    };
-    regions.into_iter().map(without).collect()
+    regions
 }
 
 /// How far the picture moves with each component of a view: the root mean square over points, in pixels per unit.
@@ -394,12 +381,17 @@ mod tests {
     fn regions_hold_as_many_samples_each_and_lie_together() {
         let view = View { camera: Camera::ideal(64, 48, 60.0), pose: Pose::identity() };
         let points = (0..1600).map(|i| Point3::new(f64::from(i % 40) / 60.0, f64::from(i / 40) / 80.0, 1.0));
-        let samples =
-            SurfaceSamples { points: points.collect(), bins: vec![0; 1600], covered: 1600, ..Default::default() };
-        let rests = regions(&view, &samples);
-        assert_eq!(rests.len(), REGIONS);
-        assert!(rests.iter().all(|rest| rest.points.len() == 1500 && rest.bins.len() == 1500));
-        let extent = |points: &[Point3<f64>]| points.iter().map(|p| p.x).fold(0.0, f64::max);
-        assert!(rests.iter().filter(|rest| extent(&rest.points) < 0.64).count() == 0, "no region takes a whole side");
+        let points: Vec<Point3<f64>> = points.collect();
+        let regions = regions(&view, &points);
+        assert_eq!(regions.len(), REGIONS);
+        assert!(regions.iter().all(|region| region.len() == 100));
+        let extent = |region: &[usize], axis: usize| {
+            let along = || region.iter().map(|&i| points[i][axis]);
+            along().fold(0.0, f64::max) - along().fold(1.0, f64::min)
+        };
+        assert!(regions.iter().all(|region| extent(region, 0) < 0.2 && extent(region, 1) < 0.2));
+        let mut all = regions.concat();
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..1600));
     }
 }
