@@ -144,7 +144,7 @@ impl<S: Signal + ?Sized> Signal for Box<S> {
 /// The step of a value of `0..=1` in equal steps; what lies outside counts to the first or the last.
 #[inline]
 fn equal_step(value: f32, steps: usize) -> usize {
-    ((value * steps as f32) as usize).min(steps - 1)
+    ((value * steps as f32) as i32).clamp(0, steps as i32 - 1) as usize
 }
 
 /// The cell of a direction, of any length, among steps² cells that cover the sphere: the octahedron's faces folded out into a square,
