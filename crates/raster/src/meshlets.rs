@@ -25,7 +25,7 @@ const TASK: usize = 64;
 
 /// What a [`Renderer`](crate::Renderer) reads of a mesh.
 ///
-/// Making it costs as much as some renderings, up to two dozen; kept with [`Triangles::meshlets`], it serves all others of the same mesh.
+/// Making it costs as much as some renderings, up to three dozen; kept with [`Triangles::meshlets`], it serves all others of the same mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meshlets {
     boxes: Vec<Aabb>,

@@ -215,6 +215,12 @@ fn alone(quick: bool, frames: usize, rows: &mut Vec<Row>) {
         renderer.render(&photo.triangles(), &camera, &pose, &Options::default(), &mut picture);
     });
     if !quick {
+        let large = Model::bumpy_sphere("1m", 500);
+        let (camera, pose) = view((150, 112));
+        let one_thread = Options { parallel: false, ..Options::default() };
+        measure("1m 150×112, one thread", &mut || {
+            renderer.render(&large.triangles(), &camera, &pose, &one_thread, &mut picture);
+        });
         let (camera, pose) = view(SIZES[0]);
         let mut a_triangle = |name: &str, rings: u32| {
             let model = Model::bumpy_sphere(name, rings);
