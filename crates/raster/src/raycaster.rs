@@ -13,7 +13,7 @@ use texreg_lie::Pose;
 const LANES: usize = 8;
 
 /// Steps of Newton's method for pixels that are inverted together.
-const STEPS: usize = 2;
+const STEPS: usize = 3;
 
 /// A squared error in normalized coordinates that the next step of Newton's method takes to the last digits.
 const CLOSE: f64 = 1e-15;
