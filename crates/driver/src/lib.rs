@@ -20,6 +20,7 @@ mod nudge;
 mod objective;
 mod options;
 mod outcome;
+mod outlines;
 mod overlay;
 mod overview;
 mod pair;

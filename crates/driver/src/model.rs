@@ -41,8 +41,8 @@ impl<'a> Model<'a> {
     pub(crate) fn rough_signal(&self) -> Box<dyn Signal> {
         let normals = |steps| Normals { components: Components::Two, frame: Frame::Camera, steps };
         match Ranked::reflectance(&self.coarse, 3) {
-            Some(reflectance) => Box::new(Both(reflectance, normals(4))),
-            None => Box::new(normals(5)),
+            Some(reflectance) => Box::new(Both(reflectance, normals(3))),
+            None => Box::new(normals(3)),
         }
     }
 

@@ -8,6 +8,7 @@
 use crate::Photo;
 use crate::counts::Counts;
 use crate::model::{surrounds, viewpoint};
+use crate::outlines::{Outline, edges};
 use crate::palette::palette;
 use crate::samples::dither;
 use texreg_camera::View;
@@ -35,6 +36,8 @@ pub(crate) struct Overview {
     pub(crate) colours: Vec<u16>,
     /// How many pixels have each colour.
     pub(crate) palette: Vec<u32>,
+    /// Its [edges].
+    pub(crate) edges: Vec<[f32; 3]>,
     entropies: Counts,
 }
 
@@ -82,31 +85,53 @@ impl Overview {
         };
         let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| mean(i % width, i / width)).collect();
         let colours = palette(&pixels, colours);
-        Self::of(factor, width, height, colours)
+        Self::of(factor, width, height, colours, edges(width, height, &pixels))
     }
 
     /// A picture of such pixels, row by row.
-    pub(crate) fn of(factor: usize, width: usize, height: usize, colours: Vec<u16>) -> Self {
+    pub(crate) fn of(factor: usize, width: usize, height: usize, colours: Vec<u16>, edges: Vec<[f32; 3]>) -> Self {
         let mut palette = vec![0; colours.iter().max().map_or(0, |&most| usize::from(most) + 1)];
         colours.iter().for_each(|&colour| palette[usize::from(colour)] += 1);
-        Self { factor, width, height, colours, palette, entropies: Counts::up_to(width * height) }
+        Self { factor, width, height, colours, palette, edges, entropies: Counts::up_to(width * height) }
     }
 
     /// How much better a view explains the whole picture than the same rendering in eight other places, half the model's
-    /// size away: what smooth surfaces explain of smooth backgrounds by chance, they explain there as well. `None` where
-    /// the view shows nothing of the model.
-    pub(crate) fn peak(&self, mesh: &Mesh, signal: &dyn Signal, workspace: &mut Workspace, view: &View) -> Option<f64> {
+    /// size away: what smooth surfaces explain of smooth backgrounds by chance, they explain there as well. To lie on edges counts
+    /// for an outline as long as the picture's border as much as `edges` nats. `None` where the view shows nothing of the model.
+    pub(crate) fn peak(
+        &self,
+        mesh: &Mesh,
+        signal: &dyn Signal,
+        edges: f64,
+        workspace: &mut Workspace,
+        view: &View,
+    ) -> Option<f64> {
         let (whole, covered) = self.whole(mesh, signal, workspace, view)?;
         if covered == 0 && !surrounds(mesh, view) {
             return None;
         }
+        let outline = if edges > 0.0 { Outline::of(&workspace.picture) } else { Outline::default() };
+        let weight = edges * self.weight(&outline);
+        let on = |dx: isize, dy: isize| {
+            weight
+                * outline.on(|x, y| {
+                    let (x, y) = (usize::try_from(x + dx).ok()?, usize::try_from(y + dy).ok()?);
+                    (x < self.width && y < self.height).then(|| &self.edges[y * self.width + x])
+                })
+        };
         let away = (0.5 * f64::from(covered).sqrt()).ceil() as isize;
         let mut chance = 0.0;
         for (dx, dy) in [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)] {
-            self.count(workspace, signal.bins(), (dx * away, dy * away));
-            chance += 0.125 * self.information(&workspace.counts, &self.palette)?;
+            let (dx, dy) = (dx * away, dy * away);
+            self.count(workspace, signal.bins(), (dx, dy));
+            chance += 0.125 * (self.information(&workspace.counts, &self.palette)? + on(dx, dy));
         }
-        Some(whole - chance)
+        Some(whole + on(0, 0) - chance)
+    }
+
+    /// What it counts that an outline lies on edges, by its length: errors of a mean fall with the root of a number.
+    pub(crate) fn weight(&self, outline: &Outline) -> f64 {
+        (outline.pixels.len() as f64 / (2 * (self.width + self.height)) as f64).sqrt()
     }
 
     /// The evidence for a view; `None` where it shows nothing of the model.

@@ -92,8 +92,10 @@ impl Search {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Region {
     centre: Point3<f64>,
-    /// The unit of shifts.
+    /// The unit of distances.
     diagonal: f64,
+    /// The units of shifts to the right, down and away.
+    units: Vector3<f64>,
 }
 
 impl Region {
@@ -101,7 +103,15 @@ impl Region {
     pub(crate) fn around(points: &[Point3<f64>]) -> Option<Self> {
         let first = *points.first()?;
         let (low, high) = points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
-        Some(Self { centre: nalgebra::center(&low, &high), diagonal: (high - low).norm() })
+        let diagonal = (high - low).norm();
+        Some(Self { centre: nalgebra::center(&low, &high), diagonal, units: Vector3::repeat(diagonal) })
+    }
+
+    /// The same for what is neither known of size nor of place: shifts away in units of the distance, and others, to which a
+    /// picture is more sensitive, in half diagonals.
+    pub(crate) fn by_size(self, view: &View) -> Self {
+        let (aside, away) = (0.5 * self.diagonal, view.pose.transform_point(&self.centre).coords.norm());
+        Self { units: Vector3::new(aside, aside, away), ..self }
     }
 
     /// How far a view is from another: radians, or the shift of the centre in units of the diagonal where that is more.
@@ -111,10 +121,10 @@ impl Region {
         turn.max(shift.norm() / self.diagonal)
     }
 
-    /// The view that a step leads to: a rotation vector about the centre, and a shift in units of the diagonal.
+    /// The view that a step leads to: a rotation vector about the centre, and a shift in the region's units.
     fn moved(&self, start: &View, step: &Vector6<f64>) -> View {
         let turn: Vector3<f64> = step.fixed_rows::<3>(0).into_owned();
-        let shift: Vector3<f64> = step.fixed_rows::<3>(3) * self.diagonal;
+        let shift: Vector3<f64> = step.fixed_rows::<3>(3).component_mul(&self.units);
         let rotation = so3::exp(&turn) * start.pose.rotation;
         let centre = start.pose.transform_point(&self.centre).coords + shift;
         View { camera: start.camera, pose: Pose::new(rotation, centre - rotation * self.centre.coords) }

@@ -3,10 +3,11 @@
 //! Orientations are spread evenly over all rotations: M. Alexa, *Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)*,
 //! CVPR 2022. The model is rendered once for each orientation and size, in the middle of a tiny picture; to turn the camera about
 //! its own centre then shifts what is seen, so that the places need no renderings. Views are compared by the mutual information
-//! over the whole picture.
+//! over the whole picture, and by how well the outline lies on edges.
 
 use crate::counts::Counts;
 use crate::model::viewpoint;
+use crate::outlines::Outline;
 use crate::overview::Overview;
 use nalgebra::{Point2, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -15,8 +16,8 @@ use texreg_lie::Pose;
 use texreg_raster::{GBuffer, NO_FACE, Options, Renderer};
 use texreg_surface::{Mesh, Signal, Surfel};
 
-/// Orientations: about 17° apart.
-const ORIENTATIONS: usize = 3_000;
+/// Orientations: about 14° apart.
+const ORIENTATIONS: usize = 5_000;
 
 /// The size of the model's picture: the diagonal of its bounding box over the shorter side of the photo.
 const SIZES: [f64; 8] = [1.9, 1.36, 0.97, 0.69, 0.49, 0.35, 0.25, 0.18];
@@ -30,9 +31,16 @@ const CLOSEST: f64 = 3.0;
 /// The share of the model from which a view that cuts it off is not looked at.
 const MOST_CUT: f64 = 0.25;
 
-/// The views of a camera that explain a small picture best, at most one for each orientation and size, the best first. The mesh
-/// is a coarse one; views are of its frame.
-pub(crate) fn survey(mesh: &Mesh, signal: &dyn Signal, overview: &Overview, camera: &Camera) -> Vec<(f64, View)> {
+/// The views of a camera that explain a small picture best, at most one for each orientation and size, the best first; that an
+/// outline as long as the picture's border lies on edges counts as much as `edges` nats. The mesh is a coarse one; views are of its
+/// frame.
+pub(crate) fn survey(
+    mesh: &Mesh,
+    signal: &dyn Signal,
+    overview: &Overview,
+    edges: f64,
+    camera: &Camera,
+) -> Vec<(f64, View)> {
     let middle = mesh.centre() - mesh.origin;
     let shorter = overview.width.min(overview.height) as f64;
     let scale = 1.0 / overview.factor as f64;
@@ -46,7 +54,8 @@ pub(crate) fn survey(mesh: &Mesh, signal: &dyn Signal, overview: &Overview, came
             let distance = focal * mesh.diagonal() / size;
             let pose = Pose::new(rotation, Vector3::z() * distance - rotation * middle.coords);
             stamp.render(mesh, signal, focal, &pose, size.ceil() as u32, &ground);
-            let (score, place) = stamp.best_place(&ground, (STEP * size).max(CLOSEST))?;
+            let weight = edges * overview.weight(&stamp.outline);
+            let (score, place) = stamp.best_place(&ground, weight, (STEP * size).max(CLOSEST))?;
             // The camera turns until its ray through the place passes through the middle of the model.
             let pixel = Point2::from((place.coords.add_scalar(0.5)) / scale).coords.add_scalar(-0.5);
             let ray = camera.unproject(&pixel.into())?;
@@ -83,6 +92,8 @@ struct Ground {
     colours: Vec<u16>,
     /// How many pixels have each colour.
     palette: Vec<u32>,
+    /// The edges at each pixel, none in the margin.
+    edges: Vec<[f32; 3]>,
     entropies: Counts,
 }
 
@@ -94,8 +105,12 @@ impl Ground {
         for (row, line) in overview.colours.chunks_exact(width).zip(colours.chunks_exact_mut(stride).skip(margin)) {
             line[margin..margin + width].copy_from_slice(row);
         }
+        let mut edges = vec![[0.0; 3]; colours.len()];
+        for (row, line) in overview.edges.chunks_exact(width).zip(edges.chunks_exact_mut(stride).skip(margin)) {
+            line[margin..margin + width].copy_from_slice(row);
+        }
         let entropies = Counts::up_to(width * height);
-        Self { width, height, stride, margin, colours, palette: overview.palette.clone(), entropies }
+        Self { width, height, stride, margin, colours, palette: overview.palette.clone(), edges, entropies }
     }
 
     /// The mutual information of counts, in rows of colours and of what lies in the margin, whose last row becomes what is left
@@ -121,6 +136,7 @@ struct Stamp {
     /// Bins that have pixels.
     rows: usize,
     counts: Vec<u32>,
+    outline: Outline,
 }
 
 impl Stamp {
@@ -138,6 +154,7 @@ impl Stamp {
         self.renderer.render(&triangles, &camera, pose, &options, &mut self.picture);
         let viewpoint = viewpoint(&View { camera, pose: *pose });
         let width = camera.width as usize;
+        self.outline = Outline::of(&self.picture);
         let mut row_of: Vec<Option<u32>> = vec![None; signal.bins()];
         self.rows = 0;
         self.pixels.clear();
@@ -158,12 +175,13 @@ impl Stamp {
     /// The place of the model's middle that explains the picture best, and how much better than places do in the mean: what
     /// smooth surfaces explain of smooth backgrounds by chance, they explain anywhere. `None` if no place shows most of the
     /// model.
-    fn best_place(&mut self, ground: &Ground, step: f64) -> Option<(f64, Point2<f64>)> {
+    fn best_place(&mut self, ground: &Ground, edges: f64, step: f64) -> Option<(f64, Point2<f64>)> {
         let places = |length: usize| {
             let count = (length as f64 / step).round().max(1.0);
             (0..count as usize).map(move |k| ((k as f64 + 0.5) * length as f64 / count) as usize)
         };
         let outside = ground.palette.len();
+        let half = (self.picture.width / 2) as isize;
         let mut best: Option<(f64, Point2<f64>)> = None;
         let (mut sum, mut count) = (0.0, 0.0);
         for v in places(ground.height) {
@@ -179,7 +197,11 @@ impl Stamp {
                 if f64::from(cut) >= MOST_CUT * self.pixels.len() as f64 {
                     continue;
                 }
-                let score = ground.information(&mut self.counts)?;
+                let on = self.outline.on(|x, y| {
+                    let offset = (y - half) * ground.stride as isize + x - half;
+                    ground.edges.get((middle + offset) as usize)
+                });
+                let score = ground.information(&mut self.counts)? + edges * on;
                 sum += score;
                 count += 1.0;
                 if best.is_none_or(|(value, _)| score > value) {
@@ -212,7 +234,7 @@ mod tests {
     #[test]
     fn what_the_model_leaves_of_the_picture_is_background() {
         let colours = [vec![0; 16], vec![1; 9], vec![2; 15]].concat();
-        let overview = Overview::of(1, 8, 5, colours);
+        let overview = Overview::of(1, 8, 5, colours, vec![[0.0; 3]; 40]);
         // The fourth column lies in the margin.
         let mut counts = [5, 0, 2, 9, 1, 7, 3, 1, 0, 0, 0, 0];
         let value = Ground::new(&overview, 4).information(&mut counts);

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::{Camera, View};
-use texreg_surface::{Mesh, Signal};
+use texreg_surface::Mesh;
 
 /// Triangles of the copy that is looked at from everywhere, the longer side of the picture it is
 /// compared with, and the number of the picture's colours.
@@ -21,10 +21,19 @@ const ROUGH: usize = 3_000;
 const TINY: u32 = 64;
 const FEW_COLOURS: usize = 12;
 
-/// Views from everywhere that are looked around in the tiny picture, and of these in the one that is searched; how.
+/// What it counts that an outline as long as the picture's border lies on edges, in nats.
+const EDGES: f64 = 3.0;
+
+/// How many views are looked around: those of the survey in the tiny picture, the best of these in the one that is searched, and of
+/// these again; and how many climb.
 const SHORTLIST: usize = 150;
 const CLOSER: usize = 40;
-const AROUND: Search = Search { rounds: 4, views: 40, elite: 10, deviation: 0.1, seed: 0 };
+const BEST: usize = 16;
+const CLIMBING: usize = 40;
+
+/// How: orientations and sizes of the survey lie about so far apart.
+const AROUND: Search = Search { rounds: 5, views: 48, elite: 8, deviation: 0.12, seed: 0 };
+const LONGER: Search = Search { rounds: 12, views: 80, elite: 12, deviation: 0.1, seed: 0 };
 
 /// Registers one photo with nothing to start from but its camera.
 ///
@@ -66,7 +75,7 @@ impl Registration<'_> {
             refine: self.options.refine,
             finalists: 2 * FINALISTS,
             has_climbed: false,
-            evidence: |registration, view| registration.prominence(view),
+            evidence: |registration, view| registration.standing(view),
         };
         let refine = self.options.refine;
         let finish = self.race(&mut sampler, &field, &mut course)?.ok_or(Error::NothingVisible)?;
@@ -78,39 +87,51 @@ impl Registration<'_> {
     /// The best views of a camera that might lie in the right basin, with nothing to start from; how many were looked at, and
     /// how far the best stands out before and after a closer look.
     fn anywhere(&self, camera: &Camera) -> (Vec<View>, usize, (f64, f64)) {
-        let rough = self.model.coarse.simplified(ROUGH);
-        let signal = self.model.rough_signal();
+        let model = self.model;
+        let rough = model.coarse.simplified(ROUGH);
+        let signal = model.rough_signal();
         let tiny = Overview::new(self.photo, TINY, FEW_COLOURS);
-        let mut found = survey(&rough, &*signal, &tiny, camera);
+        let mut found = survey(&rough, &*signal, &tiny, EDGES, camera);
         let mut looked = found.len();
         let before = found.first().map_or(0.0, |(score, _)| *score);
-        let search = Search { seed: self.options.seed, ..AROUND };
         let limits = self.limits(Refine::default(), camera);
         let pixel = f64::from(self.photo.width.max(self.photo.height)) / f64::from(TINY);
-        let rounds: [(f64, usize, &Overview, &Mesh, &dyn Signal); 2] = [
-            (3.0, SHORTLIST, &tiny, &rough, &*signal),
-            (2.0, CLOSER, &self.overview, &self.model.coarse, &*self.model.signal),
+        let rounds: [(f64, usize, Search, &Overview, &Mesh); 3] = [
+            (3.0, SHORTLIST, AROUND, &tiny, &rough),
+            (2.0, CLOSER, AROUND, &self.overview, &model.coarse),
+            (2.0, BEST, LONGER, &self.overview, &model.coarse),
         ];
-        for (apart, most, overview, mesh, signal) in rounds {
+        let mut closer = Vec::new();
+        for (apart, most, search, overview, mesh) in rounds {
+            let search = Search { seed: self.options.seed, ..search };
             let mut views = Vec::new();
             self.extend(&mut views, &found, apart * pixel, most);
             let nearest = |view: &View| {
                 let seen = mesh.positions.iter().map(|p| Point3::from(p.map(f64::from)));
-                let seen: Vec<Point3<f64>> = seen.filter(|p| self.model.shows(view, p)).collect();
-                let region = Region::around(&seen)?;
+                let seen: Vec<Point3<f64>> = seen.filter(|p| model.shows(view, p)).collect();
+                let region = Region::around(&seen)?.by_size(view);
                 let look = |workspace: &mut Workspace, view: &View| {
-                    self.peak_in(overview, mesh, signal, workspace, &limits.held(view))
+                    self.peak_in(overview, mesh, &*signal, EDGES, workspace, &limits.held(view))
                 };
                 let [found] = search.around(view, &region, look, [|peak| *peak]);
                 found.into_iter().next()
             };
             looked += views.len() * search.rounds * search.views;
-            found = views.par_iter().filter_map(nearest).collect();
+            closer = std::mem::replace(&mut found, views.par_iter().filter_map(nearest).collect());
             found.sort_by(|a, b| b.0.total_cmp(&a.0));
         }
         let best = found.first().map_or(before, |(score, _)| *score);
         let mut views = Vec::new();
-        self.extend(&mut views, &found, pixel, CLOSER);
+        for found in [found, closer] {
+            self.extend(&mut views, &found, pixel, CLIMBING);
+        }
         (views, looked, (before, best))
+    }
+
+    /// How far a view stands out, its outline's edges included; zero where it shows nothing.
+    fn standing(&self, view: &View) -> f64 {
+        let Model { coarse, signal, .. } = self.model;
+        let workspace = &mut Workspace::default();
+        self.peak_in(&self.overview, coarse, &**signal, EDGES, workspace, view).unwrap_or(0.0)
     }
 }
