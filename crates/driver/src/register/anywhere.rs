@@ -28,12 +28,12 @@ const EDGES: f64 = 3.0;
 /// these again; and how many climb.
 const SHORTLIST: usize = 150;
 const CLOSER: usize = 40;
-const BEST: usize = 16;
+const BEST: usize = 12;
 const CLIMBING: usize = 40;
 
 /// How: orientations and sizes of the survey lie about so far apart.
 const AROUND: Search = Search { rounds: 5, views: 48, elite: 8, deviation: 0.12, seed: 0 };
-const LONGER: Search = Search { rounds: 12, views: 80, elite: 12, deviation: 0.1, seed: 0 };
+const LONGER: Search = Search { rounds: 10, views: 60, elite: 10, deviation: 0.1, seed: 0 };
 
 /// Registers one photo with nothing to start from but its camera.
 ///
