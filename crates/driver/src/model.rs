@@ -10,6 +10,8 @@ pub struct Model<'a> {
     pub(crate) mesh: &'a Mesh,
     pub(crate) coarse: Mesh,
     pub(crate) signal: Box<dyn Signal>,
+    /// What it predicts of pictures in which little is told apart: in few bins.
+    pub(crate) rough: Box<dyn Signal>,
     /// A few vertices, to measure how far apart two views are.
     probes: Vec<Point3<f64>>,
     /// The centre of the bounding box, in the model's frame.
@@ -28,22 +30,15 @@ impl<'a> Model<'a> {
     pub fn new(mesh: &'a Mesh, signals: &[SignalName]) -> Result<Self, Error> {
         let signal = joint_signal(mesh, if signals.is_empty() { measured(mesh) } else { signals })?;
         let probes = mesh.positions.iter().step_by(mesh.positions.len() / 200 + 1);
+        let coarse = mesh.simplified(COARSE);
         Ok(Self {
             mesh,
-            coarse: mesh.simplified(COARSE),
+            rough: rough_signal(&coarse),
+            coarse,
             signal,
             probes: probes.map(|p| p.map(f64::from).into()).collect(),
             centre: mesh.centre().coords - mesh.origin,
         })
-    }
-
-    /// What the model predicts in a tiny picture: in few bins.
-    pub(crate) fn rough_signal(&self) -> Box<dyn Signal> {
-        let normals = |steps| Normals { components: Components::Two, frame: Frame::Camera, steps };
-        match Ranked::reflectance(&self.coarse, 3) {
-            Some(reflectance) => Box::new(Both(reflectance, normals(3))),
-            None => Box::new(normals(3)),
-        }
     }
 
     /// A view of the world as one of the model's own frame, whose origin is near its middle: coordinates are small there, and
@@ -86,6 +81,15 @@ impl<'a> Model<'a> {
 /// What a model predicts if nothing else is asked for: all that the scanner measured.
 fn measured(mesh: &Mesh) -> &'static [SignalName] {
     if mesh.reflectance.is_some() { &[SignalName::Reflectance, SignalName::Normals] } else { &[SignalName::Normals] }
+}
+
+/// Normals in three steps along each axis and, where it was measured, reflectance in three ranks.
+fn rough_signal(mesh: &Mesh) -> Box<dyn Signal> {
+    let normals = Normals { components: Components::Two, frame: Frame::Camera, steps: 3 };
+    match Ranked::reflectance(mesh, 3) {
+        Some(reflectance) => Box::new(Both(reflectance, normals)),
+        None => Box::new(normals),
+    }
 }
 
 /// Whether a mesh is a scan from inside: a cloud whose bounding box holds the camera of a view of its frame.

@@ -514,7 +514,7 @@ impl<'a> Registration<'a> {
     }
 
     fn peak(&self, workspace: &mut Workspace, view: &View) -> Option<f64> {
-        self.peak_in(&self.overview, &self.model.coarse, &*self.model.signal, 0.0, workspace, view)
+        self.peak_in(&self.overview, &self.model.coarse, 0.0, workspace, view)
     }
 
     /// How far a view stands out from the same picture in other places, times the share of the model that lies in the photo; an
@@ -523,12 +523,11 @@ impl<'a> Registration<'a> {
         &self,
         overview: &Overview,
         mesh: &Mesh,
-        signal: &dyn Signal,
         edges: f64,
         workspace: &mut Workspace,
         view: &View,
     ) -> Option<f64> {
-        Some(overview.peak(mesh, signal, edges, workspace, view)? * self.model.inside(view))
+        Some(overview.peak(mesh, &*self.model.rough, edges, workspace, view)? * self.model.inside(view))
     }
 
     /// [`peak`](Self::peak), and zero for a view that shows nothing.

@@ -89,9 +89,8 @@ impl Registration<'_> {
     fn anywhere(&self, camera: &Camera) -> (Vec<View>, usize, (f64, f64)) {
         let model = self.model;
         let rough = model.coarse.simplified(ROUGH);
-        let signal = model.rough_signal();
         let tiny = Overview::new(self.photo, TINY, FEW_COLOURS);
-        let mut found = survey(&rough, &*signal, &tiny, EDGES, camera);
+        let mut found = survey(&rough, &*model.rough, &tiny, EDGES, camera);
         let mut looked = found.len();
         let before = found.first().map_or(0.0, |(score, _)| *score);
         let limits = self.limits(Refine::default(), camera);
@@ -111,7 +110,7 @@ impl Registration<'_> {
                 let seen: Vec<Point3<f64>> = seen.filter(|p| model.shows(view, p)).collect();
                 let region = Region::around(&seen)?.by_size(view);
                 let look = |workspace: &mut Workspace, view: &View| {
-                    self.peak_in(overview, mesh, &*signal, EDGES, workspace, &limits.held(view))
+                    self.peak_in(overview, mesh, EDGES, workspace, &limits.held(view))
                 };
                 let [found] = search.around(view, &region, look, [|peak| *peak]);
                 found.into_iter().next()
@@ -130,8 +129,6 @@ impl Registration<'_> {
 
     /// How far a view stands out, its outline's edges included; zero where it shows nothing.
     fn standing(&self, view: &View) -> f64 {
-        let Model { coarse, signal, .. } = self.model;
-        let workspace = &mut Workspace::default();
-        self.peak_in(&self.overview, coarse, &**signal, EDGES, workspace, view).unwrap_or(0.0)
+        self.peak_in(&self.overview, &self.model.coarse, EDGES, &mut Workspace::default(), view).unwrap_or(0.0)
     }
 }
