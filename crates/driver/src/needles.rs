@@ -6,7 +6,7 @@
 use crate::Refine;
 use crate::parameters::{Dense, MOST};
 use crate::pyramid::Level;
-use crate::samples::dither;
+use crate::samples::{dither, surface_point};
 use crate::sweep::{BLOCK, LANES, LaneSums, Projector, Sums, across, chain};
 use fearless_simd::dispatch;
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3, Vector4};
@@ -264,9 +264,7 @@ impl Looks<'_> {
 
     /// The surface's point at a pixel, in the model's frame.
     fn point(&self, face: u32, [v, w]: [f32; 2]) -> Point3<f64> {
-        let corners = self.mesh.triangles[face as usize].map(|k| self.mesh.positions[k as usize].map(f64::from));
-        let weights = [1.0 - v - w, v, w].map(f64::from);
-        corners.into_iter().zip(weights).map(|(p, weight)| Vector3::from(p) * weight).sum::<Vector3<f64>>().into()
+        surface_point(self.mesh, self.mesh.triangles[face as usize], [1.0 - v - w, v, w])
     }
 
     /// What changes at an edge: a pixel's unit normal in the model's frame, and its reflectance in its own range; zero where there is

@@ -46,15 +46,15 @@ pub(crate) fn edges(width: usize, height: usize, pixels: &[[f32; 3]]) -> Vec<[f3
 /// Blurred along one axis; beyond its border a picture goes on as it ends.
 fn blur(tensors: &[[f32; 3]], width: usize, height: usize, (dx, dy): (isize, isize)) -> Vec<[f32; 3]> {
     let reach = (2.5 * BLUR).ceil() as isize;
-    let weight = |r: isize| (-0.5 * (r as f32 / BLUR).powi(2)).exp();
-    let whole: f32 = (-reach..=reach).map(weight).sum();
+    let kernel: Vec<(isize, f32)> = (-reach..=reach).map(|r| (r, (-0.5 * (r as f32 / BLUR).powi(2)).exp())).collect();
+    let whole: f32 = kernel.iter().map(|(_, weight)| weight).sum();
     let at = |i: usize, r: isize| {
         let clamped = |x: usize, d: isize, length: usize| (x as isize + d).clamp(0, length as isize - 1) as usize;
         tensors[clamped(i / width, r * dy, height) * width + clamped(i % width, r * dx, width)]
     };
     let mean = |i: usize| {
-        let sum = (-reach..=reach).fold([0.0; 3], |mut sum: [f32; 3], r| {
-            sum.iter_mut().zip(at(i, r)).for_each(|(sum, x)| *sum += weight(r) * x);
+        let sum = kernel.iter().fold([0.0; 3], |mut sum: [f32; 3], &(r, weight)| {
+            sum.iter_mut().zip(at(i, r)).for_each(|(sum, x)| *sum += weight * x);
             sum
         });
         sum.map(|sum| sum / whole)

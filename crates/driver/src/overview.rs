@@ -11,6 +11,7 @@ use crate::model::{surrounds, viewpoint};
 use crate::outlines::{Outline, edges};
 use crate::palette::palette;
 use crate::samples::dither;
+use std::sync::OnceLock;
 use texreg_camera::View;
 use texreg_raster::{GBuffer, NO_FACE, Options, Renderer, outline};
 use texreg_surface::{Mesh, Signal, Surfel};
@@ -36,8 +37,8 @@ pub(crate) struct Overview {
     pub(crate) colours: Vec<u16>,
     /// How many pixels have each colour.
     pub(crate) palette: Vec<u32>,
-    /// Its [edges].
-    pub(crate) edges: Vec<[f32; 3]>,
+    pixels: Vec<[f32; 3]>,
+    edges: OnceLock<Vec<[f32; 3]>>,
     entropies: Counts,
 }
 
@@ -85,14 +86,20 @@ impl Overview {
         };
         let pixels: Vec<[f32; 3]> = (0..width * height).map(|i| mean(i % width, i / width)).collect();
         let colours = palette(&pixels, colours);
-        Self::of(factor, width, height, colours, edges(width, height, &pixels))
+        Self::of(factor, width, height, colours, pixels)
     }
 
     /// A picture of such pixels, row by row.
-    pub(crate) fn of(factor: usize, width: usize, height: usize, colours: Vec<u16>, edges: Vec<[f32; 3]>) -> Self {
+    pub(crate) fn of(factor: usize, width: usize, height: usize, colours: Vec<u16>, pixels: Vec<[f32; 3]>) -> Self {
         let mut palette = vec![0; colours.iter().max().map_or(0, |&most| usize::from(most) + 1)];
         colours.iter().for_each(|&colour| palette[usize::from(colour)] += 1);
-        Self { factor, width, height, colours, palette, edges, entropies: Counts::up_to(width * height) }
+        let entropies = Counts::up_to(width * height);
+        Self { factor, width, height, colours, palette, pixels, edges: OnceLock::new(), entropies }
+    }
+
+    /// Its [edges], found when first needed.
+    pub(crate) fn edges(&self) -> &[[f32; 3]] {
+        self.edges.get_or_init(|| edges(self.width, self.height, &self.pixels))
     }
 
     /// How much better a view explains the whole picture than the same rendering in eight other places, half the model's
@@ -116,7 +123,7 @@ impl Overview {
             weight
                 * outline.on(|x, y| {
                     let (x, y) = (usize::try_from(x + dx).ok()?, usize::try_from(y + dy).ok()?);
-                    (x < self.width && y < self.height).then(|| &self.edges[y * self.width + x])
+                    (x < self.width && y < self.height).then(|| &self.edges()[y * self.width + x])
                 })
         };
         let away = (0.5 * f64::from(covered).sqrt()).ceil() as isize;

@@ -42,7 +42,7 @@ use std::time::Instant;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Parzen, ranks};
 use texreg_optim::{Objective, Report};
-use texreg_surface::{Mesh, Signal};
+use texreg_surface::Mesh;
 
 /// Registers one photo, starting from a rough view of the world.
 ///
@@ -284,15 +284,16 @@ impl<'a> Registration<'a> {
             course.of += self.levels.len() + 1;
             let began = Instant::now();
             let wider = Search { seed: self.options.seed, ..WIDER };
-            let look = |workspace: &mut Workspace, view: &View| self.peak(workspace, view);
+            let Model { coarse, .. } = self.model;
+            let look = |workspace: &mut Workspace, view: &View| self.peak(&self.overview, coarse, 0.0, workspace, view);
             let [found] = self.around(&start, &wider, look, [|peak| *peak]).ok_or(Error::NothingVisible)?;
             let best = found.first().map_or(0.0, |(score, _)| *score);
-            let held = self.prominence(&finish.view);
+            let held = self.prominence(&finish.view, 0.0);
             course.tell(stage(self.search_name(), began, 0, found.len(), (held, best)), &finish.view)?;
             field.views = self.distinct(&finish.view, &[found]);
             field.has_climbed = true;
-            field.evidence = |registration, view| registration.prominence(view);
-            let worth = |finish: &Finish| finish.similarity.excess + self.prominence(&finish.view);
+            field.evidence = |registration, view| registration.prominence(view, 0.0);
+            let worth = |finish: &Finish| finish.similarity.excess + self.prominence(&finish.view, 0.0);
             let wide = self.race(&mut sampler, &field, &mut course)?;
             if let Some(wide) = wide.filter(|wide| worth(wide) > worth(&finish)) {
                 finish = wide;
@@ -513,13 +514,9 @@ impl<'a> Registration<'a> {
         self.overview.evidence(&self.model.coarse, &*self.model.signal, workspace, view)
     }
 
-    fn peak(&self, workspace: &mut Workspace, view: &View) -> Option<f64> {
-        self.peak_in(&self.overview, &self.model.coarse, 0.0, workspace, view)
-    }
-
     /// How far a view stands out from the same picture in other places, times the share of the model that lies in the photo; an
     /// outline's edges count as much as `edges` nats.
-    fn peak_in(
+    fn peak(
         &self,
         overview: &Overview,
         mesh: &Mesh,
@@ -530,9 +527,9 @@ impl<'a> Registration<'a> {
         Some(overview.peak(mesh, &*self.model.rough, edges, workspace, view)? * self.model.inside(view))
     }
 
-    /// [`peak`](Self::peak), and zero for a view that shows nothing.
-    fn prominence(&self, view: &View) -> f64 {
-        self.peak(&mut Workspace::default(), view).unwrap_or(0.0)
+    /// [`peak`](Self::peak) in the picture that is searched, and zero for a view that shows nothing.
+    fn prominence(&self, view: &View, edges: f64) -> f64 {
+        self.peak(&self.overview, &self.model.coarse, edges, &mut Workspace::default(), view).unwrap_or(0.0)
     }
 
     /// Climbs through the levels from a view that is near already, without looking around: for comparisons of solvers and

@@ -5,7 +5,7 @@ use crate::contour::Contour;
 use crate::model::{surrounds, viewpoint};
 use crate::needles::Needles;
 use crate::pyramid::Level;
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector3};
 use rayon::prelude::*;
 use texreg_camera::{Camera, View};
 use texreg_raster::{GBuffer, NO_FACE, Options, Raycaster, Renderer, outline};
@@ -120,11 +120,7 @@ impl<'a> Sampler<'a> {
                     seen.into_iter().zip(found).filter(|(_, [v, _])| !v.is_nan()).map(|((face, _), [v, w])| {
                         let corners = self.mesh.triangles[face as usize];
                         let weights = [1.0 - v - w, v, w];
-                        let point = corners.iter().zip(weights).map(|(&corner, weight)| {
-                            let position = self.mesh.positions[corner as usize].map(f64::from);
-                            f64::from(weight) * Point3::from(position).coords
-                        });
-                        let point = Point3::from(point.sum::<nalgebra::Vector3<f64>>());
+                        let point = surface_point(self.mesh, corners, weights);
                         let surfel = Surfel { mesh: self.mesh, corners, weights, viewpoint: &viewpoint };
                         let shading = if has_shading { Headlight { steps: 1 }.colour(&surfel)[0] } else { 0.0 };
                         (point, self.signal.bin(&surfel) as u16, shading)
@@ -174,6 +170,15 @@ impl<'a> Sampler<'a> {
         });
         parts.collect()
     }
+}
+
+/// The point of a triangle, in the model's frame, with such barycentric weights.
+pub(crate) fn surface_point(mesh: &Mesh, corners: [u32; 3], weights: [f32; 3]) -> Point3<f64> {
+    let parts = corners.into_iter().zip(weights).map(|(corner, weight)| {
+        let position = mesh.positions[corner as usize].map(f64::from);
+        f64::from(weight) * Point3::from(position).coords
+    });
+    parts.sum::<Vector3<f64>>().into()
 }
 
 /// A threshold in `0..1` for each pixel, spread evenly over any neighbourhood: J. Jimenez, *Next generation post processing

@@ -101,14 +101,8 @@ impl Ground {
     fn new(overview: &Overview, margin: usize) -> Self {
         let (width, height) = (overview.width, overview.height);
         let stride = width + 2 * margin;
-        let mut colours = vec![overview.palette.len() as u16; stride * (height + 2 * margin)];
-        for (row, line) in overview.colours.chunks_exact(width).zip(colours.chunks_exact_mut(stride).skip(margin)) {
-            line[margin..margin + width].copy_from_slice(row);
-        }
-        let mut edges = vec![[0.0; 3]; colours.len()];
-        for (row, line) in overview.edges.chunks_exact(width).zip(edges.chunks_exact_mut(stride).skip(margin)) {
-            line[margin..margin + width].copy_from_slice(row);
-        }
+        let colours = framed(&overview.colours, width, margin, overview.palette.len() as u16);
+        let edges = framed(overview.edges(), width, margin, [0.0; 3]);
         let entropies = Counts::up_to(width * height);
         Self { width, height, stride, margin, colours, palette: overview.palette.clone(), edges, entropies }
     }
@@ -124,6 +118,16 @@ impl Ground {
         }
         self.entropies.information(counts.chunks_exact(colours + 1).map(|row| &row[..colours]), &self.palette)
     }
+}
+
+/// Rows of a picture with a margin of the same on all sides.
+fn framed<T: Copy>(pixels: &[T], width: usize, margin: usize, around: T) -> Vec<T> {
+    let stride = width + 2 * margin;
+    let mut framed = vec![around; stride * (pixels.len() / width + 2 * margin)];
+    for (row, line) in pixels.chunks_exact(width).zip(framed.chunks_exact_mut(stride).skip(margin)) {
+        line[margin..margin + width].copy_from_slice(row);
+    }
+    framed
 }
 
 /// A small picture of the model in the middle of nothing.

@@ -116,8 +116,9 @@ impl Witness {
                 Some((at(-step)? - at(step)?) / (2.0 * step))
             })
             .collect::<Option<_>>()?;
-        let information = convex(&DMatrix::from_columns(&columns), &objective().dense(view).curvature)?;
-        let mut left = objective().gradients_without(view, &regions(view, &samples.points));
+        let mut here = objective();
+        let information = convex(&DMatrix::from_columns(&columns), &here.dense(view).curvature)?;
+        let mut left = here.gradients_without(view, &regions(view, &samples.points));
         let mean = left.iter().sum::<DVector<f64>>() / left.len() as f64;
         left.iter_mut().for_each(|left| *left -= &mean);
         Some(Self { view: *view, refine, probes, information, left })

@@ -1,6 +1,6 @@
 //! The pipeline: find the meshlets that may be seen, then draw the picture band by band.
 
-use crate::band::{Band, TILE, unlock};
+use crate::band::{Band, COLUMNS, TILE, unlock};
 use crate::meshlets::Meshlets;
 use crate::projector::{Lens, Projector};
 use crate::sight::{Seen, Sight};
@@ -122,7 +122,7 @@ impl Renderer {
         let draw = |(k, (strip, shown)): (usize, (Strip, &Vec<Seen>))| {
             let mut workspace = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
             let Workspace { keys, tiles, spans } = &mut workspace;
-            let stride = (width + 7).next_multiple_of(8);
+            let stride = (width + COLUMNS - 1).next_multiple_of(COLUMNS);
             keys.resize(stride * (strip.depth.len() / width + 1), 0);
             let (top, height) = ((k * rows) as i32, (strip.depth.len() / width) as i32);
             let mut band = Band { top, width: width as i32, height, stride: stride as i32, keys, spans };

@@ -75,7 +75,7 @@ impl Registration<'_> {
             refine: self.options.refine,
             finalists: 2 * FINALISTS,
             has_climbed: false,
-            evidence: |registration, view| registration.standing(view),
+            evidence: |registration, view| registration.prominence(view, EDGES),
         };
         let refine = self.options.refine;
         let finish = self.race(&mut sampler, &field, &mut course)?.ok_or(Error::NothingVisible)?;
@@ -110,7 +110,7 @@ impl Registration<'_> {
                 let seen: Vec<Point3<f64>> = seen.filter(|p| model.shows(view, p)).collect();
                 let region = Region::around(&seen)?.by_size(view);
                 let look = |workspace: &mut Workspace, view: &View| {
-                    self.peak_in(overview, mesh, EDGES, workspace, &limits.held(view))
+                    self.peak(overview, mesh, EDGES, workspace, &limits.held(view))
                 };
                 let [found] = search.around(view, &region, look, [|peak| *peak]);
                 found.into_iter().next()
@@ -125,10 +125,5 @@ impl Registration<'_> {
             self.extend(&mut views, &found, pixel, CLIMBING);
         }
         (views, looked, (before, best))
-    }
-
-    /// How far a view stands out, its outline's edges included; zero where it shows nothing.
-    fn standing(&self, view: &View) -> f64 {
-        self.peak_in(&self.overview, &self.model.coarse, EDGES, &mut Workspace::default(), view).unwrap_or(0.0)
     }
 }
