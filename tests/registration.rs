@@ -78,8 +78,9 @@ fn the_focal_length_comes_from_the_photo_and_is_refined() {
     assert_eq!(run.status, 0, "{run:?}");
     let object: Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((&object["options"]["refine"], &object["options"]["solver"]), (&"focal".into(), &"lm".into()));
+    assert_eq!(object["options"]["signal"], "reflectance,normals", "the signals that were taken");
     let photo = &object["photos"][0];
-    assert_eq!(photo["file"], "photo_01.jpg");
+    assert_eq!((&photo["file"], &photo["stop"]), (&"photo_01.jpg".into(), &"converged".into()));
     assert!(photo["stages"].as_array().is_some_and(|stages| !stages.is_empty()));
     let (rows, _) = scores(&fixture(""), folder.path(), "out/cameras.json");
     let row = rows.iter().find(|row| row["file"] == "photo_01.jpg").unwrap();

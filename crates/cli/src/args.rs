@@ -149,8 +149,8 @@ impl Register {
         }
     }
 
-    /// Every option that shapes the result, and its value.
-    pub(crate) fn options(&self) -> [(&'static str, String); 10] {
+    /// Every option that shapes the result, and its value; `signals` are those that the model predicts.
+    pub(crate) fn options(&self, signals: &[SignalName]) -> [(&'static str, String); 10] {
         let list = |names: Vec<String>, none: &str| if names.is_empty() { none.to_owned() } else { names.join(",") };
         let photos = match (self.share_intrinsics, self.joint) {
             (true, _) => "joint, one camera",
@@ -168,7 +168,7 @@ impl Register {
             ("metric", self.metric.to_string()),
             ("channel", self.channel.to_string()),
             ("bins", self.bins.to_string()),
-            ("signal", list(self.signal.iter().map(ToString::to_string).collect(), "auto")),
+            ("signal", signals.iter().map(ToString::to_string).collect::<Vec<_>>().join(",")),
             ("solver", self.solver.to_string()),
             ("rotation", self.rotation.to_string()),
             ("refine", list(parts.collect(), "pose")),

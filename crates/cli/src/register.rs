@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 use texreg::camera::View;
 use texreg::driver::{
     Bounds, Event, FocalSource, Model, Motion, Options, Outcome, Panel, Photo, Refine, Registration, Stage, Status,
-    Uncertainty, motion, overlay, register, register_jointly, search,
+    Stop, Uncertainty, motion, overlay, register, register_jointly, search,
 };
 use texreg::formats::{CameraEntry, CameraFile, write_cameras};
 use texreg::surface::Mesh;
@@ -46,6 +46,14 @@ impl Registered {
     /// The verdict in one word.
     pub(crate) fn verdict(&self) -> &'static str {
         word(self.outcome.status)
+    }
+
+    /// The verdict's reasons, and whether the climb came to its end.
+    pub(crate) fn remarks(&self) -> Vec<String> {
+        let limit = self.outcome.stop == Stop::Exhausted;
+        let limit =
+            limit.then(|| "the last climb ended at its limit of iterations, perhaps short of the maximum".to_owned());
+        self.outcome.reasons.iter().cloned().chain(limit).collect()
     }
 
     fn entry(&self) -> CameraEntry {
@@ -117,14 +125,14 @@ pub(crate) fn run(args: &Register, json: bool) -> anyhow::Result<Ending> {
         output.write(&overlay_name(&photo.file), &photo.overlay)?;
     }
     let file = name(&args.inputs.model);
-    let head = report::Head { command: &command(), options: &args.options(), model: &file, mesh: &mesh };
+    let head = report::Head { command: &command(), options: &args.options(ready.signals()), model: &file, mesh: &mesh };
     output.write("report.html", report::html(&head, &photos).as_bytes())?;
     let cameras = CameraFile { photos: photos.iter().map(Registered::entry).collect(), ..CameraFile::default() };
     write_cameras(&output.path("cameras.json"), &cameras)?;
     let handed = handover::write_all(&args.inputs, &output, &cameras)?;
 
     if json {
-        let mut object = object(args, &output, &mesh, &photos);
+        let mut object = object(args, &output, &mesh, &ready, &photos);
         object["formats"] = json!(handed);
         print(&format!("{object:#}"))?;
     } else {
@@ -228,6 +236,14 @@ fn colour(status: Status) -> [u8; 3] {
     }
 }
 
+fn stop(stop: Stop) -> &'static str {
+    match stop {
+        Stop::Converged => "converged",
+        Stop::Stalled => "stalled",
+        Stop::Exhausted => "iteration limit",
+    }
+}
+
 /// Steps of the progress bar a photo.
 pub(crate) const PARTS: u64 = 100;
 
@@ -273,7 +289,7 @@ fn summary(photos: &[Registered], output: &Output) -> String {
             photo.outcome.uncertainty.as_ref().map_or_else(String::new, sureness),
             photo.outcome.evaluations().to_string(),
             format!("{milliseconds:.0}"),
-            photo.outcome.reasons.join("; "),
+            photo.remarks().join("; "),
         ]);
     }
     let good = photos.iter().filter(|photo| photo.is_good()).count();
@@ -281,7 +297,7 @@ fn summary(photos: &[Registered], output: &Output) -> String {
 }
 
 /// The result for programs: the entries of `cameras.json`, and how they came about.
-fn object(args: &Register, output: &Output, mesh: &Mesh, photos: &[Registered]) -> Value {
+fn object(args: &Register, output: &Output, mesh: &Mesh, model: &Model, photos: &[Registered]) -> Value {
     let stage = |stage: &Stage| {
         json!({
             "name": stage.name,
@@ -296,6 +312,7 @@ fn object(args: &Register, output: &Output, mesh: &Mesh, photos: &[Registered]) 
         object.insert("rotated_deg".into(), json!(photo.motion.rotation_deg));
         object.insert("moved_pct".into(), json!(photo.motion.distance_pct));
         object.insert("evaluations".into(), json!(photo.outcome.evaluations()));
+        object.insert("stop".into(), json!(stop(photo.outcome.stop)));
         object.insert("stages".into(), photo.outcome.stages.iter().map(stage).collect());
         Value::Object(object)
     };
@@ -306,7 +323,7 @@ fn object(args: &Register, output: &Output, mesh: &Mesh, photos: &[Registered]) 
             "triangles": mesh.triangles.len(),
             "diagonal": mesh.diagonal(),
         },
-        "options": args.options().into_iter().map(|(name, value)| (name.to_owned(), json!(value))).collect::<Map<_, _>>(),
+        "options": args.options(model.signals()).into_iter().map(|(name, value)| (name.to_owned(), json!(value))).collect::<Map<_, _>>(),
         "cameras": output.path("cameras.json").display().to_string(),
         "report": output.path("report.html").display().to_string(),
         "photos": photos.iter().map(photo).collect::<Vec<_>>(),

@@ -87,7 +87,7 @@ fn summary(photos: &[Registered]) -> String {
 }
 
 fn card(i: usize, photo: &Registered) -> String {
-    let reasons: String = photo.outcome.reasons.iter().map(|reason| format!("<li>{}</li>", escape(reason))).collect();
+    let reasons: String = photo.remarks().iter().map(|remark| format!("<li>{}</li>", escape(remark))).collect();
     let reasons = if reasons.is_empty() { reasons } else { format!("<ul>{reasons}</ul>\n") };
     format!(
         "<section class=\"card\" id=\"photo-{i}\">\n<div class=\"title\"><h2>{file}</h2>\

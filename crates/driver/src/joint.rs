@@ -21,7 +21,7 @@ use nalgebra::DVector;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::{Camera, View};
-use texreg_optim::Objective;
+use texreg_optim::{Objective, Stop};
 
 /// The coarsest level on which photos climb together; above it each finds its way alone.
 const COARSEST: usize = 2;
@@ -61,7 +61,7 @@ pub fn register_jointly(
             observer(&Event { done, of, ..event.clone() })
         };
         let start = photo.limits(options.refine, &starts[i].camera).held(&photo.model.inward(&starts[i]));
-        let found_alone = photo.find(&photo.model.outward(&start), options.refine, &mut forward);
+        let found_alone = photo.find(&starts[i], options.refine, &mut forward);
         let (outcome, findings) = found_alone.map_err(|error| (i, error))?;
         let view = photo.model.inward(&outcome.view);
         found.push(Found { start, view, outcome, findings, apart: false });
@@ -219,6 +219,7 @@ impl Joint<'_> {
         let solver = self.options.solver.solver(count, effort.iterations, effort.gain * count as f64);
         let mut views: Vec<View> = together.iter().map(|&i| self.found[i].view).collect();
         let mut tally: Vec<Stage> = Vec::new();
+        let mut stop = Stop::Converged;
         for rendering in 0..effort.renderings {
             let Some(sampled) = self.sample(together, &views, index) else { break };
             let overlaps = self.overlaps(together, &views, &sampled);
@@ -262,7 +263,7 @@ impl Joint<'_> {
                 self.photos[i].model.distance(&views[k], &report.point[k]) * self.photos[i].levels[level(i)].scale
             };
             let most = together.iter().enumerate().map(moved).fold(0.0, f64::max);
-            views = report.point;
+            (views, stop) = (report.point, report.stop);
             if most < SETTLED {
                 break;
             }
@@ -272,6 +273,7 @@ impl Joint<'_> {
             stage.milliseconds = milliseconds;
             tell(&stage, &self.photos[i].model.outward(&view)).map_err(|error| (i, error))?;
             self.found[i].view = view;
+            self.found[i].outcome.stop = stop;
             self.found[i].outcome.stages.push(stage);
         }
         Ok(())
@@ -308,7 +310,7 @@ impl Joint<'_> {
         if let Some(climb) =
             photo.climb(&mut sampler, 0, &found.view, &found.start, Refine::default(), photo.options.metric)
         {
-            found.view = climb.view;
+            (found.view, found.outcome.stop) = (climb.view, climb.stop);
         }
     }
 

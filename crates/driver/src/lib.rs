@@ -54,6 +54,7 @@ pub use pairs::{FEWEST_PAIRS, PairFit, fit_of_pairs, pose_and_focal_from_pairs, 
 pub use parameters::{FocalSource, Refine};
 pub use photo::{Photo, PhotoError};
 pub use register::{Registration, register, search};
+pub use texreg_optim::Stop;
 pub use uncertainty::{FocalUncertainty, Uncertainty};
 pub use viewer::{Projected, Shading, Skin, Viewer, pick};
 pub use window::Window;

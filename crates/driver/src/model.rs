@@ -9,6 +9,7 @@ use texreg_surface::{Both, Components, Frame, Mesh, Normals, Ranked, Signal, Sig
 pub struct Model<'a> {
     pub(crate) mesh: &'a Mesh,
     pub(crate) coarse: Mesh,
+    signals: Vec<SignalName>,
     pub(crate) signal: Box<dyn Signal>,
     /// What it predicts of pictures in which little is told apart: in few bins.
     pub(crate) rough: Box<dyn Signal>,
@@ -28,17 +29,24 @@ impl<'a> Model<'a> {
     /// # Errors
     /// If the mesh does not carry a signal that is asked for.
     pub fn new(mesh: &'a Mesh, signals: &[SignalName]) -> Result<Self, Error> {
-        let signal = joint_signal(mesh, if signals.is_empty() { measured(mesh) } else { signals })?;
+        let signals = if signals.is_empty() { measured(mesh) } else { signals };
+        let signal = joint_signal(mesh, signals)?;
         let probes = mesh.positions.iter().step_by(mesh.positions.len() / 200 + 1);
         let coarse = mesh.simplified(COARSE);
         Ok(Self {
             mesh,
             rough: rough_signal(&coarse),
             coarse,
+            signals: signals.to_vec(),
             signal,
             probes: probes.map(|p| p.map(f64::from).into()).collect(),
             centre: mesh.centre().coords - mesh.origin,
         })
+    }
+
+    /// The names of what is predicted.
+    pub fn signals(&self) -> &[SignalName] {
+        &self.signals
     }
 
     /// A view of the world as one of the model's own frame, whose origin is near its middle: coordinates are small there, and

@@ -226,6 +226,25 @@ impl MetricName {
         (self == Self::InformationThenGradient).then_some(Self::InformationAndGradient)
     }
 
+    /// The unit of its values, as a suffix to a number; empty where they have none.
+    pub(crate) fn unit(self) -> &'static str {
+        match self {
+            Self::InformationThenGradient
+            | Self::MutualInformation
+            | Self::ConditionalEntropy
+            | Self::InformationAndGradient
+            | Self::Silhouette
+            | Self::InformationSilhouette => " nats",
+            Self::Normalized
+            | Self::EntropyCorrelation
+            | Self::CorrelationRatio
+            | Self::Correlation
+            | Self::SquaredDifference
+            | Self::Gradient
+            | Self::InformationGradient => "",
+        }
+    }
+
     /// Whether the model's edges are a term.
     pub(crate) fn has_edges(self) -> bool {
         matches!(self, Self::Gradient | Self::InformationGradient | Self::InformationAndGradient)

@@ -2,6 +2,7 @@
 
 use crate::Uncertainty;
 use texreg_camera::View;
+use texreg_optim::Stop;
 
 /// The verdict on a registration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +41,8 @@ pub struct Outcome {
     pub reasons: Vec<String>,
     /// The metric at full size at the start and for the view, each over what it shows itself.
     pub similarity: (f64, f64),
+    /// Why the last climb to the view stopped.
+    pub stop: Stop,
     /// How sure the view is; `None` where it is the start handed back.
     pub uncertainty: Option<Uncertainty>,
     /// The stages, in order.

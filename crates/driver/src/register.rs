@@ -41,7 +41,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 use texreg_camera::{Camera, View};
 use texreg_mi::{Parzen, ranks};
-use texreg_optim::{Objective, Report};
+use texreg_optim::{Objective, Report, Stop};
 use texreg_surface::Mesh;
 
 /// Registers one photo, starting from a rough view of the world.
@@ -163,6 +163,8 @@ struct Runner {
     view: View,
     /// The gain of its climb on the coarsest level.
     coarse: f64,
+    /// Why its last climb stopped.
+    stop: Stop,
     /// Whether it set out from the first of the views, the one that was hoped for.
     is_first: bool,
 }
@@ -170,6 +172,8 @@ struct Runner {
 /// Where a race ended.
 struct Finish {
     view: View,
+    /// Why the last climb to it stopped.
+    stop: Stop,
     /// The metric at full size.
     similarity: Similarity,
     /// The gain of the view's climb on the coarsest level.
@@ -191,8 +195,10 @@ pub(crate) struct Similarity {
 }
 
 /// A view that climbed, and how.
+#[derive(Clone, Copy)]
 pub(crate) struct Climb {
     pub(crate) view: View,
+    pub(crate) stop: Stop,
     similarity: (f64, f64),
     /// The metric at the end over that of a model that tells nothing of the photo, and over what chance explains of the samples.
     gain: f64,
@@ -308,6 +314,7 @@ impl<'a> Registration<'a> {
 
     fn findings(&self, finish: &Finish, refine: Refine, start: &View, at_start: f64) -> Findings {
         Findings {
+            metric: self.options.metric,
             similarity: (at_start, finish.similarity.value),
             moved: self.model.distance(start, &finish.view),
             across_levels: (finish.coarse, finish.similarity.gain),
@@ -328,7 +335,7 @@ impl<'a> Registration<'a> {
             (start, at_start)
         };
         let view = self.model.outward(view);
-        Outcome { view, status, reasons, similarity: (at_start, end), uncertainty: None, stages }
+        Outcome { view, status, reasons, similarity: (at_start, end), stop: finish.stop, uncertainty: None, stages }
     }
 
     /// Climbs from a view itself, without looking around: from each level down to the full photo, for what a coarse level
@@ -340,21 +347,21 @@ impl<'a> Registration<'a> {
         refine: Refine,
         course: &mut Course,
     ) -> Result<Finish, Error> {
-        let mut best: Option<(Similarity, View)> = None;
+        let mut best: Option<(Similarity, Climb)> = None;
         for top in (0..self.levels.len()).rev() {
             let began = Instant::now();
-            let (view, evaluations, renderings) =
-                self.straight(sampler, top, start, refine).ok_or(Error::NothingVisible)?;
-            let end = (self.similarity(sampler, &view).unwrap_or_default(), view);
+            let climb = self.straight(sampler, top, start, refine).ok_or(Error::NothingVisible)?;
+            let end = (self.similarity(sampler, &climb.view).unwrap_or_default(), climb);
             let held = best.unwrap_or(end);
             let now = if end.0.excess > held.0.excess { end } else { held };
             let similarity = (held.0.value, now.0.value);
-            course.tell(stage(climb_name(top), began, evaluations, renderings, similarity), &now.1)?;
+            let stage = stage(climb_name(top), began, climb.evaluations, climb.renderings, similarity);
+            course.tell(stage, &now.1.view)?;
             best = Some(now);
         }
-        let (similarity, view) = best.ok_or(Error::NothingVisible)?;
+        let (similarity, Climb { view, stop, .. }) = best.ok_or(Error::NothingVisible)?;
         let coarse = self.coarse_similarity(&view).unwrap_or_default().gain;
-        Ok(Finish { view, similarity, coarse, rival: 0.0 })
+        Ok(Finish { view, stop, similarity, coarse, rival: 0.0 })
     }
 
     /// Several views climb, and the best goes on to the full photo, with those elsewhere that come near it. `None` where the first
@@ -362,8 +369,8 @@ impl<'a> Registration<'a> {
     fn race(&self, sampler: &mut Sampler, field: &Field, course: &mut Course) -> Result<Option<Finish>, Error> {
         let coarsest = self.levels.len() - 1;
         let second = coarsest.saturating_sub(1);
-        let mut runners: Vec<Runner> =
-            field.views.iter().enumerate().map(|(i, &view)| Runner { view, coarse: 0.0, is_first: i == 0 }).collect();
+        let runner = |(i, &view)| Runner { view, coarse: 0.0, stop: Stop::Converged, is_first: i == 0 };
+        let mut runners: Vec<Runner> = field.views.iter().enumerate().map(runner).collect();
         let mut rival = 0.0;
         for index in std::iter::once(coarsest).chain((0..=second).rev()) {
             let began = Instant::now();
@@ -373,7 +380,7 @@ impl<'a> Registration<'a> {
                     self.climb(sampler, index, &runner.view, &field.start, field.refine, self.options.metric)?;
                 let evidence = if index < second { 0.0 } else { (field.evidence)(self, &climb.view) };
                 let coarse = if index == coarsest { climb.gain } else { runner.coarse };
-                Some((climb.excess + evidence, Runner { view: climb.view, coarse, ..runner }, climb))
+                Some((climb.excess + evidence, Runner { view: climb.view, coarse, stop: climb.stop, ..runner }, climb))
             };
             let mut ends: Vec<(f64, Runner, Climb)> = if runners.len() == 1 {
                 runners.into_iter().filter_map(|runner| run(sampler, runner)).collect()
@@ -404,9 +411,9 @@ impl<'a> Registration<'a> {
                 return Ok(None);
             }
         }
-        let Runner { view, coarse, .. } = runners[0];
+        let Runner { view, coarse, stop, .. } = runners[0];
         let similarity = self.similarity(sampler, &view).unwrap_or_default();
-        Ok(Some(Finish { view, similarity, coarse, rival }))
+        Ok(Some(Finish { view, stop, similarity, coarse, rival }))
     }
 
     /// What a climb is worth on a level. Needles cost more than all else, and a view that is polished moves little.
@@ -443,7 +450,7 @@ impl<'a> Registration<'a> {
         refine: Refine,
         course: &mut Course,
     ) -> Result<Finish, Error> {
-        let mut view = finish.view;
+        let (mut view, mut stop) = (finish.view, finish.stop);
         for index in (0..POLISHED.min(self.levels.len())).rev() {
             let metric = self.metric_last(index);
             if metric == self.options.metric {
@@ -451,12 +458,12 @@ impl<'a> Registration<'a> {
             }
             let began = Instant::now();
             let Some(climb) = self.climb(sampler, index, &view, start, refine, metric) else { return Ok(finish) };
-            view = climb.view;
+            (view, stop) = (climb.view, climb.stop);
             let name = format!("edges 1/{}", 1 << index);
             course.tell(stage(name, began, climb.evaluations, climb.renderings, climb.similarity), &view)?;
         }
         let similarity = self.similarity(sampler, &view).unwrap_or_default();
-        Ok(if similarity.value > at_start { Finish { view, similarity, ..finish } } else { finish })
+        Ok(if similarity.value > at_start { Finish { view, stop, similarity, ..finish } } else { finish })
     }
 
     /// The views that a search around one of them looked at, by each criterion, the best first; `None` where the model is not in
@@ -538,27 +545,24 @@ impl<'a> Registration<'a> {
         let start = self.limits(self.options.refine, &start.camera).held(&self.model.inward(start));
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let top = self.levels.len() - 1;
-        let (view, evaluations, _) = self.straight(&mut sampler, top, &start, self.options.refine)?;
-        Some((self.model.outward(&view), evaluations))
+        let climb = self.straight(&mut sampler, top, &start, self.options.refine)?;
+        Some((self.model.outward(&climb.view), climb.evaluations))
     }
 
-    /// Climbs from a view through the levels from `top` down to the full photo: where it ends, evaluations and renderings;
-    /// `None` where a view on the way shows nothing of the model.
-    fn straight(
-        &self,
-        sampler: &mut Sampler,
-        top: usize,
-        start: &View,
-        refine: Refine,
-    ) -> Option<(View, usize, usize)> {
-        let (mut view, mut evaluations, mut renderings) = (*start, 0, 0);
-        for index in (0..=top).rev() {
-            let climb = self.climb(sampler, index, &view, start, refine, self.options.metric)?;
-            view = climb.view;
-            evaluations += climb.evaluations;
-            renderings += climb.renderings;
+    /// Climbs from a view through the levels from `top` down to the full photo: the last climb, with the evaluations and renderings
+    /// of all; `None` where a view on the way shows nothing of the model.
+    fn straight(&self, sampler: &mut Sampler, top: usize, start: &View, refine: Refine) -> Option<Climb> {
+        let climb = |sampler: &mut Sampler, index: usize, from: &View| {
+            self.climb(sampler, index, from, start, refine, self.options.metric)
+        };
+        let mut last = climb(sampler, top, start)?;
+        for index in (0..top).rev() {
+            let Climb { view, evaluations, renderings, .. } = last;
+            last = climb(sampler, index, &view)?;
+            last.evaluations += evaluations;
+            last.renderings += renderings;
         }
-        Some((view, evaluations, renderings))
+        Some(last)
     }
 
     /// The metric of a view at full size; `None` where it shows nothing of the model.
@@ -597,8 +601,15 @@ impl<'a> Registration<'a> {
         let sampling = Sampling::with_halo(effort.samples, metric);
         let space = self.space(if index < 2 { refine } else { Refine::default() }, &start.camera);
         let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
-        let mut climb =
-            Climb { view: *from, similarity: (0.0, 0.0), gain: 0.0, excess: 0.0, evaluations: 0, renderings: 0 };
+        let mut climb = Climb {
+            view: *from,
+            stop: Stop::Converged,
+            similarity: (0.0, 0.0),
+            gain: 0.0,
+            excess: 0.0,
+            evaluations: 0,
+            renderings: 0,
+        };
         for rendering in 0..effort.renderings {
             let samples = sampler.sample(&climb.view, level, &sampling)?;
             let mut objective = self.objective(index, &samples, &space, &start.camera, PRIOR);
@@ -629,7 +640,7 @@ impl<'a> Registration<'a> {
             }
             climb.similarity.1 = report.value;
             let moved = self.model.distance(&climb.view, &report.point) * level.scale;
-            climb.view = report.point;
+            (climb.view, climb.stop) = (report.point, report.stop);
             if moved < SETTLED || rendering + 1 == effort.renderings {
                 [climb.gain, climb.excess] = objective.independent(&report.point)?.map(|none| report.value - none);
                 break;

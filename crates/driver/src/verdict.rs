@@ -1,10 +1,12 @@
 //! Whether to believe a view.
 
-use crate::Status;
+use crate::{MetricName, Status};
 
 /// What speaks for a view and against it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Findings {
+    /// What is compared.
+    pub(crate) metric: MetricName,
     /// The metric at full size, at the start and for the view.
     pub(crate) similarity: (f64, f64),
     /// The distance between the two, in pixels of the photo.
@@ -38,15 +40,16 @@ const SAME: f64 = 1.0;
 /// The verdict and its reasons.
 pub(crate) fn verdict(findings: &Findings) -> (Status, Vec<String>) {
     let (start, end) = findings.similarity;
+    let unit = findings.metric.unit();
     if end <= start && findings.moved > SAME {
-        let reason = format!("no view explains the photo better than the start ({end:.3} against {start:.3} nats)");
+        let reason = format!("no view explains the photo better than the start ({end:.3} against {start:.3}{unit})");
         return (Status::Failed, vec![reason]);
     }
     let mut reasons = Vec::new();
     let (coarse, fine) = findings.across_levels;
     if fine < FADING * coarse {
         reasons.push(format!(
-            "the agreement fades in detail: {fine:.3} nats at full size, {coarse:.3} in a small picture"
+            "the agreement fades in detail: {fine:.3}{unit} at full size, {coarse:.3} in a small picture"
         ));
     }
     if findings.rival > RIVAL {
@@ -57,7 +60,7 @@ pub(crate) fn verdict(findings: &Findings) -> (Status, Vec<String>) {
     }
     if let Some((shared, own)) = findings.shared {
         reasons.push(format!(
-            "the lens of the other photos does not explain this one: {shared:.3} nats, {own:.3} with its own"
+            "the lens of the other photos does not explain this one: {shared:.3}{unit}, {own:.3} with its own"
         ));
     }
     if let Some(number) = findings.at_bound {
@@ -72,6 +75,7 @@ mod tests {
     use super::*;
 
     const GOOD: Findings = Findings {
+        metric: MetricName::MutualInformation,
         similarity: (0.4, 0.6),
         moved: 20.0,
         across_levels: (0.6, 0.58),
@@ -95,6 +99,8 @@ mod tests {
             let (status, reasons) = verdict(&findings);
             assert_eq!(status, Status::Uncertain);
             assert!(reasons.len() == 1 && reasons[0].contains(word), "{reasons:?}");
+            let (_, without) = verdict(&Findings { metric: MetricName::Normalized, ..findings });
+            assert_eq!(without, [reasons[0].replace(" nats", "")]);
         }
     }
 

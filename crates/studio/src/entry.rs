@@ -294,7 +294,7 @@ impl Entry {
 mod tests {
     use super::*;
     use nalgebra::{Rotation3, Vector3};
-    use texreg_driver::Status;
+    use texreg_driver::{Status, Stop};
     use texreg_lie::Pose;
 
     fn view() -> View {
@@ -391,6 +391,7 @@ mod tests {
             status: Status::Uncertain,
             reasons: vec!["small".into()],
             similarity: (0.1, 0.2),
+            stop: Stop::Converged,
             uncertainty: None,
             stages: vec![],
         };
