@@ -21,7 +21,7 @@ impl Side {
     }
 }
 
-/// Draws a triangle: finds the covered span of every row by division.
+/// Draws a triangle that has area: finds the covered span of every row by division.
 #[inline(always)]
 pub(crate) fn fill(face: u32, [a, b, c]: [Corner; 3], band: &mut Band) {
     let (left, right) = (a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x));
@@ -29,7 +29,7 @@ pub(crate) fn fill(face: u32, [a, b, c]: [Corner; 3], band: &mut Band) {
     let x = [first_pixel(left).max(0), (right >> SUBPIXEL_BITS).min(band.width - 1)];
     let y = [first_pixel(top).max(band.top), (bottom >> SUBPIXEL_BITS).min(band.top + band.height - 1)];
     let area = twice_area(a, b, c);
-    if x[0] > x[1] || y[0] > y[1] || area == 0 {
+    if x[0] > x[1] || y[0] > y[1] {
         return;
     }
     let (b, c) = if area < 0 { (c, b) } else { (b, c) };
