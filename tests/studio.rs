@@ -196,6 +196,7 @@ fn six_pairs_are_clicked_and_a_photo_is_registered_and_accepted() {
     let cameras = read_cameras(&folder.join("cameras.json")).unwrap();
     assert_eq!(cameras.photos[0].other["status"], "registered");
     assert_eq!(cameras.photos[0].other["accepted"], true);
+    assert!(cameras.photos[0].other["uncertainty"]["pixels"].as_f64().is_some_and(|pixels| pixels < 2.0));
     let score =
         run(&folder, &["evaluate", "cameras.json", "--truth", &fixture("truth.json").display().to_string(), "--json"]);
     // The other photos have no camera yet.

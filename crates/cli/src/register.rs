@@ -62,18 +62,7 @@ impl Registered {
         entry.other.insert("status".into(), json!(self.verdict()));
         entry.other.insert("reasons".into(), json!(self.outcome.reasons));
         entry.other.insert("similarity".into(), json!({"start": start, "end": end}));
-        let uncertainty = self.outcome.uncertainty.as_ref().map(|found| {
-            json!({
-                "rotation_deg": found.rotation_deg,
-                "centre": found.centre,
-                "pixels": found.pixels,
-                "weakest": found.weakest,
-                "focal_pct": found.focal.map(|focal| focal.percent),
-                "focal_distance_correlation": found.focal.map(|focal| focal.with_distance),
-                "covariance": found.covariance.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>(),
-            })
-        });
-        entry.other.insert("uncertainty".into(), json!(uncertainty));
+        entry.other.insert("uncertainty".into(), json!(self.outcome.uncertainty.as_ref().map(Uncertainty::json)));
         entry
     }
 }

@@ -24,6 +24,7 @@ use crate::sweep::chain;
 use crate::{Outcome, RotationName, Status};
 use nalgebra::{DMatrix, DVector, Matrix6, Point2, Point3, Vector2, Vector6};
 use rayon::prelude::*;
+use serde_json::json;
 use texreg_camera::{Camera, View};
 use texreg_lie::so3;
 use texreg_optim::{Arrow, Manifold};
@@ -275,6 +276,21 @@ fn weakest(probes: &[Point3<f64>], pose: &Matrix6<f64>) -> String {
         direction.iter().zip(NAMES).map(|(x, name)| (x.abs(), name)).filter(|(x, _)| *x > 0.6 * most).collect();
     parts.sort_by(|a, b| b.0.total_cmp(&a.0));
     parts.into_iter().map(|(_, name)| name).collect::<Vec<_>>().join(" with ")
+}
+
+impl Uncertainty {
+    /// What `cameras.json` tells of it.
+    pub fn json(&self) -> serde_json::Value {
+        json!({
+            "rotation_deg": self.rotation_deg,
+            "centre": self.centre,
+            "pixels": self.pixels,
+            "weakest": self.weakest,
+            "focal_pct": self.focal.map(|focal| focal.percent),
+            "focal_distance_correlation": self.focal.map(|focal| focal.with_distance),
+            "covariance": self.covariance.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>(),
+        })
+    }
 }
 
 impl Outcome {

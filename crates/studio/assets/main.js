@@ -5,7 +5,6 @@ import * as keys from "./keys.js";
 import * as lists from "./lists.js";
 import { ModelView } from "./model.js";
 import { PhotoView } from "./photo.js";
-import { project } from "./maths.js";
 import { SHEET, next } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
@@ -108,19 +107,20 @@ const clickPhoto = async (uv) => {
   if (!half?.xyz && current().camera) expectOnModel(uv);
 };
 
+/** After a click onto the model: where the photo is expected to show it. */
+const expectInPhoto = trying(async ([x, y, z]) => {
+  const { uv } = await server.ask(`/api/photo/${tab.photo}/pixel`, { x, y, z });
+  if (!uv || !photoView.inside(uv)) return;
+  tab.ghost.photo = uv;
+  photoView.reveal(uv);
+  show();
+});
+
 const clickModel = async (xyz) => {
-  const photo = current();
+  const half = current().pending;
   tab.ghost = {};
   await act({ do: "model", xyz });
-  if (!photo.pending?.uv && photo.camera) {
-    const { R, T, K } = photo.camera;
-    const uv = project({ r: R.flat(), t: T, f: K.fx, fy: K.fy, cx: K.cx, cy: K.cy }, xyz)?.slice(0, 2);
-    if (uv && photoView.inside(uv)) {
-      tab.ghost.photo = uv;
-      photoView.reveal(uv);
-      show();
-    }
-  }
+  if (!half?.uv && current().camera) expectInPhoto(xyz);
 };
 
 const open = trying(async (number) => {

@@ -24,9 +24,9 @@ export function turn([x, y, z]) {
 }
 
 /** The pixel of a world point for `{r, t, f, cx, cy}` without distortion, or null behind the camera. */
-export function project({ r, t, f, fy = f, cx, cy }, point) {
+export function project({ r, t, f, cx, cy }, point) {
   const [x, y, z] = plus(apply(r, point), t);
-  return z > 0 ? [(f * x) / z + cx, (fy * y) / z + cy, z] : null;
+  return z > 0 ? [(f * x) / z + cx, (f * y) / z + cy, z] : null;
 }
 
 export const clamp = (x, low, high) => Math.min(Math.max(x, low), high);

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use nalgebra::Point3;
 use texreg_camera::{Camera, View};
 use texreg_driver::{
-    FEWEST_PAIRS, Nudge, Outcome, PairFit, Photo, fit_of_pairs, pose_and_focal_from_pairs, pose_from_pairs,
+    FEWEST_PAIRS, Nudge, Outcome, PairFit, Photo, Uncertainty, fit_of_pairs, pose_and_focal_from_pairs, pose_from_pairs,
 };
 use texreg_posit::{Correspondence, Solution};
 
@@ -141,8 +141,12 @@ impl Entry {
     /// Takes over the result of a registration.
     pub(crate) fn registered(&mut self, outcome: &Outcome) {
         let before = self.now.clone();
-        let verdict =
-            Verdict { status: outcome.status, reasons: outcome.reasons.clone(), similarity: outcome.similarity };
+        let verdict = Verdict {
+            status: outcome.status,
+            reasons: outcome.reasons.clone(),
+            similarity: outcome.similarity,
+            uncertainty: outcome.uncertainty.as_ref().map(Uncertainty::json).into(),
+        };
         self.now.camera = Some(Placed { verdict: Some(verdict), ..Placed::new(outcome.view, Source::Registration) });
         self.fit();
         self.remember(before, None);

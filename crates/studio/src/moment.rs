@@ -1,6 +1,7 @@
 //! What is known of one photo at one moment: what undo brings back.
 
 use nalgebra::{Point2, Point3};
+use serde_json::Value;
 use texreg_camera::View;
 use texreg_driver::Status;
 use texreg_posit::Correspondence;
@@ -61,6 +62,8 @@ pub(crate) struct Verdict {
     pub(crate) reasons: Vec<String>,
     /// The metric at the start and at the end.
     pub(crate) similarity: (f64, f64),
+    /// How sure the camera is, as `cameras.json` has it; null where that cannot be said.
+    pub(crate) uncertainty: Value,
 }
 
 /// A photo's camera.

@@ -184,10 +184,11 @@ fn camera_entry(entry: &Entry) -> Option<CameraEntry> {
     let mut out = CameraEntry::new(&entry.file, &placed.view);
     out.other.insert("source".into(), json!(placed.source.name()));
     out.other.insert("accepted".into(), json!(placed.accepted));
-    if let Some(Verdict { status, reasons, similarity: (start, end) }) = &placed.verdict {
+    if let Some(Verdict { status, reasons, similarity: (start, end), uncertainty }) = &placed.verdict {
         out.other.insert("status".into(), json!(word(*status)));
         out.other.insert("reasons".into(), json!(reasons));
         out.other.insert("similarity".into(), json!({"start": start, "end": end}));
+        out.other.insert("uncertainty".into(), uncertainty.clone());
     }
     Some(out)
 }
@@ -198,5 +199,6 @@ fn verdict(keys: &Map<String, Value>) -> Option<Verdict> {
     let status = known.into_iter().find(|known| word(*known) == status)?;
     let reasons = keys.get("reasons").and_then(|v| serde_json::from_value(v.clone()).ok()).unwrap_or_default();
     let similarity = |end: &str| keys.get("similarity").and_then(|v| v.get(end)?.as_f64()).unwrap_or(0.0);
-    Some(Verdict { status, reasons, similarity: (similarity("start"), similarity("end")) })
+    let uncertainty = keys.get("uncertainty").cloned().unwrap_or_default();
+    Some(Verdict { status, reasons, similarity: (similarity("start"), similarity("end")), uncertainty })
 }

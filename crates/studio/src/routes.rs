@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use futures_util::stream::{Stream, unfold};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use texreg_camera::{Camera, View};
@@ -50,6 +50,7 @@ pub(crate) fn routes(studio: Arc<Studio>) -> Router {
         .route("/api/photo/{number}/part", get(part))
         .route("/api/photo/{number}/overlay", get(overlay))
         .route("/api/photo/{number}/ray", get(ray))
+        .route("/api/photo/{number}/pixel", get(pixel))
         .layer(DefaultBodyLimit::max(MESSAGE))
         .with_state(studio)
 }
@@ -230,6 +231,19 @@ async fn ray(State(studio): Shared, Path(number): Path<usize>, Query(at): Query<
         Ok(Json(json!({"xyz": point.map(<[f64; 3]>::from)})))
     })
     .await
+}
+
+#[derive(Deserialize)]
+struct Place {
+    x: f64,
+    y: f64,
+    z: f64,
+}
+
+/// The pixel at which the photo's camera sees a point, distortion and all.
+async fn pixel(State(studio): Shared, Path(number): Path<usize>, Query(at): Query<Place>) -> Answer<Json<Value>> {
+    let pixel = studio.view(number, false)?.project(&Point3::new(at.x, at.y, at.z));
+    Ok(Json(json!({"uv": pixel.map(<[f64; 2]>::from)})))
 }
 
 /// The photo, reduced if it is very large.

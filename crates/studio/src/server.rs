@@ -57,6 +57,9 @@ mod tests {
     use tower::ServiceExt as _;
 
     use crate::Sources;
+    use crate::entry::Entry;
+    use crate::moment::{Placed, Source, Verdict};
+    use texreg_driver::Status;
 
     const TOKEN: &str = "0123456789abcdef";
 
@@ -208,6 +211,18 @@ mod tests {
         assert!(matches!(second, Err(Error::Taken(_))), "one folder, one studio");
         let before = studio.project().entries[0].now.clone();
         assert_eq!(before.status(), "picked");
+        let verdict = Verdict {
+            status: Status::Uncertain,
+            reasons: vec!["small".into()],
+            similarity: (0.5, 0.75),
+            uncertainty: json!({"pixels": 1.5, "weakest": "distance"}),
+        };
+        let camera = before.camera.clone().map(|camera| Placed { verdict: Some(verdict.clone()), ..camera });
+        let judge = |entry: &mut Entry| {
+            entry.now.camera = camera;
+            Ok(())
+        };
+        studio.project().change(1, judge).unwrap();
         // What another process would find.
         let copy = tempfile::tempdir().unwrap();
         for file in ["correspondences.json", "cameras.json"] {
@@ -219,6 +234,38 @@ mod tests {
         let (now, before) = (now.camera.unwrap().view, before.camera.unwrap().view);
         assert_eq!(now.camera, before.camera);
         assert!((now.pose.matrix() - before.pose.matrix()).amax() < 1e-9);
+        assert_eq!(again.project().entries[1].now.camera.as_ref().unwrap().verdict, Some(verdict));
+    }
+
+    #[test]
+    fn a_click_on_either_side_is_found_on_the_other_through_the_lens() {
+        let Fixture { app, studio, folder: _folder } = fixture();
+        let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/nefertiti");
+        let mut view = texreg_driver::read_truth(&case.join("truth.json")).unwrap().photos[0].view;
+        view.camera.distortion = [-0.2, 0.1, 0.002, -0.001, 0.0].into();
+        let place = |entry: &mut Entry| {
+            entry.now.camera = Some(Placed::new(view, Source::File));
+            Ok(())
+        };
+        studio.project().change(0, place).unwrap();
+        let ask = |path: String| {
+            let (status, body) = answer(&app, request("GET", &path, &[], ""));
+            assert_eq!(status, 200, "{path}");
+            serde_json::from_slice::<Value>(&body).unwrap()
+        };
+        let (width, height) = (f64::from(view.camera.width), f64::from(view.camera.height));
+        let mut hits = 0;
+        for (x, y) in (1..100).map(|i| (f64::from(i % 10) / 10.0 * width, f64::from(i / 10) / 10.0 * height)) {
+            let found = ask(format!("/api/photo/0/ray?x={x}&y={y}"));
+            let Ok([a, b, c]) = serde_json::from_value::<[f64; 3]>(found["xyz"].clone()) else { continue };
+            let back = ask(format!("/api/photo/0/pixel?x={a}&y={b}&z={c}"));
+            let [u, v]: [f64; 2] = serde_json::from_value(back["uv"].clone()).unwrap();
+            assert!((u - x).hypot(v - y) < 1e-2, "({u}, {v}) for ({x}, {y})");
+            hits += 1;
+        }
+        assert!(hits >= 10, "{hits}");
+        let [x, y, z] = view.pose.center().coords.into();
+        assert_eq!(ask(format!("/api/photo/0/pixel?x={x}&y={y}&z={z}"))["uv"], Value::Null);
     }
 
     #[test]

@@ -64,7 +64,8 @@ fn photo(entry: &Entry) -> Value {
         let rows: [[f64; 3]; 3] = placed.view.pose.rotation.matrix().transpose().into();
         let verdict = placed.verdict.as_ref().map(|verdict| {
             let (start, end) = verdict.similarity;
-            json!({"status": word(verdict.status), "reasons": verdict.reasons, "start": start, "end": end})
+            let (reasons, sure) = (&verdict.reasons, &verdict.uncertainty["pixels"]);
+            json!({"status": word(verdict.status), "reasons": reasons, "start": start, "end": end, "sure": sure})
         });
         json!({
             "source": placed.source,
