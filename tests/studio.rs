@@ -180,10 +180,18 @@ fn six_pairs_are_clicked_and_a_photo_is_registered_and_accepted() {
     while page.pairs() < 6 {
         page.pick(points.next().expect("six pairs"), &photo.view, &folder);
     }
+    let registered =
+        "document.documentElement.dataset.status === 'registered' && document.documentElement.dataset.busy === 'false'";
     browser.press("r");
-    browser.wait(
-        "document.documentElement.dataset.status === 'registered' && document.documentElement.dataset.busy === 'false'",
-    );
+    browser.wait(registered);
+    let verdict = "document.getElementById('verdict').textContent";
+    let before = browser.value(verdict);
+    assert!(before.as_str().is_some_and(|words| words.contains("Sure to ±")), "{before}");
+    // By another metric and another signal.
+    browser.wait("!!(document.getElementById('metric').value = 'mi')");
+    browser.wait("document.querySelector('#signals [value=normals]').click() === undefined");
+    browser.press("r");
+    browser.wait(&format!("{registered} && {verdict} !== {before}"));
     browser.press("a");
     browser.wait("document.documentElement.dataset.status === 'accepted'");
     assert_eq!(

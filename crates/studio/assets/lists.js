@@ -70,6 +70,15 @@ export function pairs(photo, selected, tasks) {
     ? `${count(photo.pairs.length, "pair")}, ${rms.toFixed(1)} px off` : count(photo.pairs.length, "pair");
 }
 
+/** What can be chosen of a registration; the usual comes first, and of signals none is chosen. */
+export function choices({ metric, solver, signals }) {
+  for (const [id, names] of Object.entries({ metric, solver })) {
+    document.getElementById(id).replaceChildren(...names.map((name) => element("option", { value: name }, name)));
+  }
+  const box = (name) => element("label", {}, element("input", { type: "checkbox", value: name }), name);
+  document.getElementById("signals").append(...signals.map(box));
+}
+
 export function outcome(photo, stages) {
   const box = document.getElementById("verdict-box");
   box.dataset.status = photo.status;
@@ -81,9 +90,9 @@ export function outcome(photo, stages) {
   document.getElementById("curve").replaceChildren(...(stages?.length ? [curve(stages)] : []));
 }
 
-/** The metric, stage by stage: from its value before to its value after. The search has a measure of its own and is left out. */
+/** The metric, stage by stage: from its value before to its value after. The search and the last climbs, by edges, have measures of their own and are left out. */
 function curve(stages) {
-  const climbs = stages.filter((stage) => !stage.name.startsWith("search"));
+  const climbs = stages.filter((stage) => stage.name.startsWith("climb"));
   const svg = (name, attributes, ...children) => {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);
     for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);

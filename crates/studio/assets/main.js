@@ -143,7 +143,8 @@ const look = () => {
 
 const register = trying(async (photos) => {
   if (tab.mode === "off") setMode("outline");
-  await server.tell("/api/register", { photos });
+  const signals = [...$("signals").querySelectorAll(":checked")].map((box) => box.value);
+  await server.tell("/api/register", { photos, metric: $("metric").value, solver: $("solver").value, signals });
 });
 
 const tasks = {
@@ -288,6 +289,7 @@ function take(fresh) {
     if (pairs.length > before.pairs.length) toast("There is a pose. The model is now seen as the photo's camera sees it (C).");
     look();
   }
+  if (first) lists.choices(state.choices);
   if (first) open(Math.min(Number(sessionStorage.getItem("photo")) || 0, state.photos.length - 1));
   show();
 }

@@ -67,7 +67,7 @@ export function verdict(photo) {
   if (!camera.verdict) return `A camera from ${SOURCE[camera.source]}, not registered yet.`;
   const { start, end, sure } = camera.verdict;
   const off = sure == null ? "" : ` Sure to ±${sure.toFixed(2)} px.`;
-  return `Agreement ${start.toFixed(3)} → ${end.toFixed(3)} nats.${off}`;
+  return `Agreement ${start.toFixed(3)} → ${end.toFixed(3)}.${off}`;
 }
 
 export const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".");

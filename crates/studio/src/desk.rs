@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use texreg_camera::View;
-use texreg_driver::{Error, FocalSource, Model, Options, Refine, Registration, Stage};
+use texreg_driver::{Error, FocalSource, MetricName, Model, Options, Refine, Registration, SolverName, Stage};
+use texreg_surface::SignalName;
 
 use crate::entry::Optics;
 use crate::studio::Studio;
@@ -20,9 +21,18 @@ pub(crate) struct Desk {
     stop: AtomicBool,
 }
 
+/// How a photo is registered; `Default` is for photos of which nothing is known.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Choice {
+    pub(crate) metric: MetricName,
+    pub(crate) solver: SolverName,
+    /// What the model predicts; none for what was measured.
+    pub(crate) signals: Vec<SignalName>,
+}
+
 #[derive(Debug, Default)]
 struct Papers {
-    queue: VecDeque<usize>,
+    queue: VecDeque<(usize, Choice)>,
     running: Option<Running>,
 }
 
@@ -40,13 +50,15 @@ pub(crate) struct Running {
 }
 
 impl Desk {
-    /// Puts photos at the end of the queue, each once.
-    pub(crate) fn put(&self, photos: &[usize]) {
+    /// Puts photos at the end of the queue, each once: what is chosen last counts.
+    pub(crate) fn put(&self, photos: &[usize], choice: &Choice) {
         let mut papers = self.papers();
         for &photo in photos {
             let running = papers.running.as_ref().is_some_and(|running| running.photo == photo);
-            if !running && !papers.queue.contains(&photo) {
-                papers.queue.push_back(photo);
+            match papers.queue.iter_mut().find(|(waiting, _)| *waiting == photo) {
+                Some((_, chosen)) => chosen.clone_from(choice),
+                None if !running => papers.queue.push_back((photo, choice.clone())),
+                None => {}
             }
         }
         self.filled.notify_one();
@@ -61,20 +73,20 @@ impl Desk {
     /// What runs, and what waits.
     pub(crate) fn state(&self) -> (Option<Running>, Vec<usize>) {
         let papers = self.papers();
-        (papers.running.clone(), papers.queue.iter().copied().collect())
+        (papers.running.clone(), papers.queue.iter().map(|(photo, _)| *photo).collect())
     }
 
     fn papers(&self) -> MutexGuard<'_, Papers> {
         self.papers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn next(&self) -> usize {
+    fn next(&self) -> (usize, Choice) {
         let mut papers = self.papers();
         loop {
-            if let Some(photo) = papers.queue.pop_front() {
+            if let Some((photo, choice)) = papers.queue.pop_front() {
                 papers.running = Some(Running { photo, ..Running::default() });
                 self.stop.store(false, Ordering::Relaxed);
-                return photo;
+                return (photo, choice);
             }
             papers = self.filled.wait(papers).unwrap_or_else(PoisonError::into_inner);
         }
@@ -83,15 +95,16 @@ impl Desk {
 
 /// Works for as long as the program runs.
 pub(crate) fn work(studio: &Studio) {
-    let mut model = None;
+    let mut ready: Option<(Vec<SignalName>, Model)> = None;
     loop {
-        let photo = studio.desk.next();
+        let (photo, choice) = studio.desk.next();
         studio.tell();
         let done = catch_unwind(AssertUnwindSafe(|| {
-            if model.is_none() {
-                model = Some(Model::new(&studio.mesh, &[]).map_err(|error| error.to_string())?);
+            if ready.as_ref().is_none_or(|(signals, _)| *signals != choice.signals) {
+                let model = Model::new(&studio.mesh, &choice.signals).map_err(|error| error.to_string())?;
+                ready = Some((choice.signals.clone(), model));
             }
-            model.as_ref().map_or(Ok(()), |model| register(studio, model, photo))
+            ready.as_ref().map_or(Ok(()), |(_, model)| register(studio, model, photo, &choice))
         }));
         studio.desk.papers().running = None;
         match done {
@@ -105,7 +118,7 @@ pub(crate) fn work(studio: &Studio) {
     }
 }
 
-fn register(studio: &Studio, model: &Model<'_>, number: usize) -> Result<(), String> {
+fn register(studio: &Studio, model: &Model<'_>, number: usize, choice: &Choice) -> Result<(), String> {
     let photo = studio.photo(number)?;
     let (file, start, before, unknown) = {
         let project = studio.project();
@@ -116,7 +129,8 @@ fn register(studio: &Studio, model: &Model<'_>, number: usize) -> Result<(), Str
     let desk = &studio.desk;
     let refine = Refine { focal: unknown, ..Refine::default() };
     let focal_from = if unknown { FocalSource::Guessed } else { FocalSource::Stated };
-    let options = Options { refine, focal_from, ..Options::default() };
+    let Choice { metric, solver, .. } = *choice;
+    let options = Options { metric, solver, refine, focal_from, ..Options::default() };
     let outcome = Registration::new(model, &photo, &options).run(&start, &mut |event| {
         if let Some(running) = &mut desk.papers().running {
             (running.done, running.of, running.view) = (event.done, event.of, Some(event.view));

@@ -20,6 +20,7 @@ use texreg_driver::{Window, outline_picture};
 use texreg_lie::{Pose, so3};
 
 use crate::action::Action;
+use crate::desk::Choice;
 use crate::picture::{jpeg, photo_jpeg, png};
 use crate::snapshot::snapshot;
 use crate::studio::Studio;
@@ -111,22 +112,37 @@ async fn act(State(studio): Shared, Path(number): Path<usize>, Json(action): Jso
     .await
 }
 
+/// What to register, and how: by names, the usual where there are none.
 #[derive(Deserialize)]
-struct Photos {
+struct Order {
     photos: Vec<usize>,
+    metric: Option<String>,
+    solver: Option<String>,
+    #[serde(default)]
+    signals: Vec<String>,
 }
 
-async fn register(State(studio): Shared, Json(Photos { photos }): Json<Photos>) -> Answer<Json<Value>> {
+impl Order {
+    fn choice(&self) -> Result<Choice, String> {
+        let metric = self.metric.as_deref().map(str::parse).transpose()?.unwrap_or_default();
+        let solver = self.solver.as_deref().map(str::parse).transpose()?.unwrap_or_default();
+        let signals = self.signals.iter().map(|name| name.parse()).collect::<Result<_, _>>()?;
+        Ok(Choice { metric, solver, signals })
+    }
+}
+
+async fn register(State(studio): Shared, Json(order): Json<Order>) -> Answer<Json<Value>> {
+    let choice = order.choice()?;
     {
         let project = studio.project();
-        for &photo in &photos {
+        for &photo in &order.photos {
             let entry = project.entries.get(photo).ok_or_else(|| "there is no such photo".to_owned())?;
             if entry.now.camera.is_none() {
                 return Err(format!("{}: pick four pairs first", entry.file).into());
             }
         }
     }
-    studio.desk.put(&photos);
+    studio.desk.put(&order.photos, &choice);
     studio.tell();
     Ok(Json(json!({})))
 }

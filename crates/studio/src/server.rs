@@ -184,7 +184,11 @@ mod tests {
             let status = answer(&app, request("POST", "/api/photo/0/act", &[], message.clone())).0;
             assert_eq!(status, expected, "{message:.60}");
         }
-        assert_eq!(answer(&app, request("POST", "/api/register", &[], json!({"photos": [0]}).to_string())).0, 422);
+        for order in
+            [json!({"photos": [0]}), json!({"photos": [], "metric": "luck"}), json!({"photos": [], "signals": ["x"]})]
+        {
+            assert_eq!(answer(&app, request("POST", "/api/register", &[], order.to_string())).0, 422, "{order}");
+        }
         assert_eq!(studio.project().entries[0].now, crate::moment::Moment::default());
         assert!(!folder.path().join("correspondences.json").exists());
     }

@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 use texreg_camera::Camera;
-use texreg_driver::Shading;
+use texreg_driver::{MetricName, Shading, SolverName};
+use texreg_surface::SignalName;
 
 use crate::desk::Running;
 use crate::entry::{Entry, Optics};
@@ -22,13 +23,22 @@ pub(crate) fn snapshot(studio: &Studio, revision: u64) -> Value {
             "triangles": mesh.triangles.len(),
             "centre": <[f64; 3]>::from(mesh.centre()),
             "diagonal": mesh.diagonal(),
-            "shadings": Shading::of(mesh).iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "shadings": names(Shading::of(mesh).iter()),
+        },
+        "choices": {
+            "metric": names(MetricName::ALL.iter()),
+            "solver": names(SolverName::ALL.iter()),
+            "signals": names(SignalName::ALL.iter().filter(|name| name.is_in(mesh))),
         },
         "photos": photos,
         "job": running.as_ref().map(job),
         "queue": queue,
         "notice": {"id": notice, "text": words},
     })
+}
+
+fn names(all: impl Iterator<Item = impl ToString>) -> Vec<String> {
+    all.map(|name| name.to_string()).collect()
 }
 
 fn job(running: &Running) -> Value {
