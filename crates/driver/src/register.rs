@@ -143,6 +143,16 @@ impl Course<'_, '_> {
     }
 }
 
+/// What a search around a rough view found.
+struct Nearby {
+    /// That view, and the best in other basins.
+    views: Vec<View>,
+    /// How many were looked at.
+    looked: usize,
+    /// The best's evidence.
+    best: f64,
+}
+
 /// What a race sets out with.
 struct Field {
     views: Vec<View>,
@@ -257,26 +267,13 @@ impl<'a> Registration<'a> {
         }
 
         let began = Instant::now();
-        let narrow = Search { seed: self.options.seed, ..Search::default() };
-        let look = |workspace: &mut Workspace, view: &View| self.evidence(workspace, view);
-        let criteria: [fn(&Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
-        let found = self.around(&start, &narrow, look, criteria).ok_or(Error::NothingVisible)?;
-        let [whole, total] = [found[0].len(), found[1].len()];
-        let renderings = whole + total - narrow.views.min(whole).min(total);
-        let best = found[1].first().map_or(0.0, |(score, _)| *score);
+        let Nearby { views, looked, best } = self.nearby(&start).ok_or(Error::NothingVisible)?;
         let evidence = |registration: &Registration, view: &View| {
             registration.evidence(&mut Workspace::default(), view).map_or(0.0, |evidence| evidence.total())
         };
         let before = evidence(self, &start);
-        course.tell(stage(self.search_name(), began, 0, renderings, (before, best)), &start)?;
-        let mut field = Field {
-            views: self.distinct(&start, &found),
-            start,
-            refine,
-            finalists: FINALISTS,
-            has_climbed: false,
-            evidence,
-        };
+        course.tell(stage(self.search_name(), began, 0, looked, (before, best)), &start)?;
+        let mut field = Field { views, start, refine, finalists: FINALISTS, has_climbed: false, evidence };
         let mut finish = self.race(&mut sampler, &field, &mut course)?.ok_or(Error::NothingVisible)?;
         if finish.similarity.value <= at_start {
             course.of += self.levels.len();
@@ -285,7 +282,7 @@ impl<'a> Registration<'a> {
         let mut findings = self.findings(&finish, refine, &start, at_start);
 
         let step = self.region(&start).map_or(0.0, |region| region.step(&start, &finish.view));
-        let far = step > FAR * narrow.deviation;
+        let far = step > FAR * Search::default().deviation;
         if far || verdict(&findings).0 != Status::Registered {
             course.of += self.levels.len() + 1;
             let began = Instant::now();
@@ -464,6 +461,18 @@ impl<'a> Registration<'a> {
         }
         let similarity = self.similarity(sampler, &view).unwrap_or_default();
         Ok(if similarity.value > at_start { Finish { view, stop, similarity, ..finish } } else { finish })
+    }
+
+    /// What might lie in the right basin around a rough view; `None` where the model is not in sight.
+    fn nearby(&self, start: &View) -> Option<Nearby> {
+        let narrow = Search { seed: self.options.seed, ..Search::default() };
+        let look = |workspace: &mut Workspace, view: &View| self.evidence(workspace, view);
+        let criteria: [fn(&Evidence) -> f64; 2] = [|evidence| evidence.whole, Evidence::total];
+        let found = self.around(start, &narrow, look, criteria)?;
+        let [whole, total] = [found[0].len(), found[1].len()];
+        let looked = whole + total - narrow.views.min(whole).min(total);
+        let best = found[1].first().map_or(0.0, |(score, _)| *score);
+        Some(Nearby { views: self.distinct(start, &found), looked, best })
     }
 
     /// The views that a search around one of them looked at, by each criterion, the best first; `None` where the model is not in

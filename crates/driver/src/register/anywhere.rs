@@ -1,6 +1,6 @@
 //! Registration with nothing to start from: a survey from everywhere, and a closer look around the best it finds.
 
-use super::{Course, FINALISTS, Field, Registration, stage};
+use super::{APART, Course, FINALISTS, Field, Nearby, Registration, stage};
 use crate::model::Model;
 use crate::outcome::{Event, Outcome};
 use crate::overview::{Overview, Workspace};
@@ -30,6 +30,9 @@ const SHORTLIST: usize = 150;
 const CLOSER: usize = 40;
 const BEST: usize = 12;
 const CLIMBING: usize = 40;
+
+/// How many of those that climbed are looked around as a rough view would be, and once more of those that climb from there.
+const AGAIN: [usize; 2] = [10, 4];
 
 /// How: orientations and sizes of the survey lie about so far apart.
 const AROUND: Search = Search { rounds: 5, views: 48, elite: 8, deviation: 0.12, seed: 0 };
@@ -124,6 +127,57 @@ impl Registration<'_> {
         for found in [found, closer] {
             self.extend(&mut views, &found, pixel, CLIMBING);
         }
+        for most in AGAIN {
+            let (nearby, more) = self.climbed(&views, most);
+            (views, looked) = (nearby, looked + more);
+        }
         (views, looked, (before, best))
+    }
+
+    /// Views climb on the coarsest level, and the best of their ends are looked around by the full signal, for a climb from afar stops
+    /// short of the truth: what might lie in the right basin there, and how many views were looked at.
+    fn climbed(&self, views: &[View], most: usize) -> (Vec<View>, usize) {
+        let coarsest = self.levels.len() - 1;
+        let own = || Sampler::new(&self.model.coarse, &*self.model.signal);
+        let run = |sampler: &mut Sampler, view: &View| {
+            let climb = self.climb(sampler, coarsest, view, view, Refine::default(), self.options.metric)?;
+            Some((climb.excess + self.prominence(&climb.view, EDGES), climb.view))
+        };
+        let mut ends: Vec<(f64, View)> = views.par_iter().map_init(own, run).flatten().collect();
+        ends.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut best = Vec::new();
+        self.extend(&mut best, &ends, APART / self.levels[coarsest].scale, most);
+        let found: Vec<Nearby> = best.par_iter().filter_map(|view| self.nearby(view)).collect();
+        let looked = found.iter().map(|nearby| nearby.looked).sum();
+        (found.into_iter().flat_map(|nearby| nearby.views).collect(), looked)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3};
+    use texreg_lie::Pose;
+
+    #[test]
+    fn around_the_end_of_a_climb_from_afar_lie_views_nearer_the_truth() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/nefertiti");
+        let mesh = texreg_surface::load(folder.join("model.ply")).unwrap();
+        let truth = crate::read_truth(&folder.join("truth.json")).unwrap();
+        let (model, options) = (Model::new(&mesh, &[]).unwrap(), Options::default());
+        let photo = Photo::load(folder.join(&truth.photos[0].file)).unwrap();
+        let registration = Registration::new(&model, &photo, &options);
+        let right = model.inward(&truth.photos[0].view);
+        let turn = Rotation3::from_scaled_axis(Vector3::y() * 15f64.to_radians());
+        let shift = right.pose.rotation * (model.centre - turn * model.centre);
+        let pose = Pose::new(right.pose.rotation * turn, right.pose.translation + shift);
+        let from = View { pose, ..right };
+        let mut sampler = Sampler::new(&model.coarse, &*model.signal);
+        let coarsest = registration.levels.len() - 1;
+        let climb = registration.climb(&mut sampler, coarsest, &from, &from, Refine::default(), options.metric);
+        let end = model.distance(&climb.unwrap().view, &right);
+        let (views, _) = registration.climbed(&[from], 1);
+        let nearest = views.iter().map(|view| model.distance(view, &right)).fold(f64::INFINITY, f64::min);
+        assert!(end > 10.0 && nearest < 0.7 * end, "{end} {nearest}");
     }
 }
