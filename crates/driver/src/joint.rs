@@ -284,7 +284,7 @@ impl Joint<'_> {
         let of = |(&i, view): (&usize, &View)| {
             let photo = &self.photos[i];
             let level = &photo.levels[index.min(photo.levels.len() - 1)];
-            let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.metric_last(index));
+            let sampling = Sampling::with_halo(EFFORTS[EFFORTS.len() - 1].samples, photo.metric_at(index));
             Sampler::new(photo.model.mesh, &*photo.model.signal).sample(view, level, &sampling)
         };
         together.iter().zip(views).map(of).collect()
@@ -307,9 +307,7 @@ impl Joint<'_> {
     fn settle(&mut self, i: usize) {
         let (photo, found) = (self.photos[i], &mut self.found[i]);
         let mut sampler = Sampler::new(photo.model.mesh, &*photo.model.signal);
-        if let Some(climb) =
-            photo.climb(&mut sampler, 0, &found.view, &found.start, Refine::default(), photo.options.metric)
-        {
+        if let Some(climb) = photo.climb(&mut sampler, 0, &found.view, &found.start, Refine::default()) {
             (found.view, found.outcome.stop) = (climb.view, climb.stop);
         }
     }

@@ -17,10 +17,11 @@ use texreg_raster::{GBuffer, NO_FACE, Raycaster};
 use texreg_surface::Mesh;
 
 /// Needles on the surface, with weights.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Needles {
     ends: Vec<[Point3<f64>; 2]>,
     weights: Vec<f32>,
+    agreement: EdgeAgreement,
 }
 
 /// The photo where the needles are: its agreement with them, and its second derivatives.
@@ -30,8 +31,12 @@ pub(crate) struct Edges<T> {
     bends: Vec<[T; 3]>,
 }
 
-/// Gradients of the photo weaker than this, in its range a pixel, are noise.
-const AGREEMENT: EdgeAgreement = EdgeAgreement { noise: 0.02 };
+/// Gradients of the photo weaker than this many times their root mean square at the needles are noise. With much less, all places
+/// where the direction is right are as good: an edge is then as wide as its blur, and wherever shading goes on beside it wider still.
+const NOISE: f64 = 1.5;
+
+/// The least noise, in the photo's range a pixel.
+const LEAST_NOISE: f64 = 1e-3;
 
 /// Changes of the normal weaker than this from a pixel's neighbour to the opposite one are no edge.
 const FLAT: f32 = 0.1;
@@ -43,8 +48,9 @@ const CHUNK: usize = 1024;
 const CANDIDATES: usize = 4;
 
 impl Needles {
-    /// At most about `most` needles of what a rendering shows.
-    pub(crate) fn of(mesh: &Mesh, picture: &GBuffer, camera: &Camera, view: &View, most: usize) -> Self {
+    /// At most about `most` needles of what a rendering at a level's resolution shows.
+    pub(crate) fn of(mesh: &Mesh, picture: &GBuffer, level: &Level, view: &View, most: usize) -> Self {
+        let camera = &level.camera(&view.camera);
         let width = picture.width as usize;
         let share = (CANDIDATES * most) as f32 / picture.covered().max(1) as f32;
         let looks = Looks {
@@ -67,14 +73,19 @@ impl Needles {
             let steep = edge.normal.dot(&at).abs() < 0.3 * at.norm();
             let depth = if steep { depth } else { edge.normal.dot(&point) / edge.normal.dot(&other) };
             let ends = [point, other * depth].map(|p| mesh_from_camera.transform_point(&Point3::from(p)));
-            (depth.is_finite() && depth > 0.0).then_some((ends, edge.weight))
+            let ([gx, gy], _) = level.grid.bend::<f64>(x as f64 + edge.outward.x, y as f64 + edge.outward.y)?;
+            let energy = gx * gx + gy * gy;
+            (depth.is_finite() && depth > 0.0).then_some((ends, (edge.weight, f64::from(edge.weight) * energy)))
         };
         let needles = rows.par_iter().enumerate().with_min_len(16).map(|(y, edges)| {
             let kept = edges.iter().filter(|(x, _)| dither(*x, y) < share);
             kept.filter_map(|(x, edge)| needle(*x, y, edge)).collect::<Vec<_>>()
         });
-        let (ends, weights) = needles.collect::<Vec<_>>().into_iter().flatten().unzip();
-        Self { ends, weights }
+        let needles = needles.collect::<Vec<_>>().into_iter().flatten();
+        let (ends, (weights, energies)): (Vec<_>, (Vec<f32>, Vec<f64>)) = needles.unzip();
+        let [energy, weight] = [energies.iter().sum::<f64>(), weights.iter().copied().map(f64::from).sum()];
+        let noise = (NOISE * (energy / weight).sqrt()).max(LEAST_NOISE);
+        Self { ends, weights, agreement: EdgeAgreement { noise } }
     }
 
     /// What the needles meet with from a view.
@@ -88,7 +99,7 @@ impl Needles {
         (self.ends.par_chunks(CHUNK), parts).into_par_iter().for_each(|(ends, (edges, gradients, bends))| {
             dispatch!(features, _simd => meet(&projector, level, ends, edges, gradients, bends));
         });
-        Edges { agreement: AGREEMENT.evaluate(&edges, &self.weights, &gradients), bends }
+        Edges { agreement: self.agreement.evaluate(&edges, &self.weights, &gradients), bends }
     }
 
     /// The derivatives of the agreement by the tangent. Misalignments are taken as normal: the curvature is that of their

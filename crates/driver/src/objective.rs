@@ -84,6 +84,10 @@ struct Shown<T> {
 /// The least share of edges that is taken for misaligned.
 const LEAST: f64 = 1e-3;
 
+/// An edge counts as much as so many samples, on the finest two levels and on coarser ones: the errors of samples go together with
+/// their neighbours', as shading changes slowly. Coarse edges are fewer and less sure.
+const EDGE: [f64; 2] = [5.0, 2.0];
+
 impl<'a, T: Real> PhotoObjective<'a, T> {
     pub(crate) fn new(
         samples: &'a SurfaceSamples,
@@ -163,7 +167,8 @@ impl<'a, T: Real> PhotoObjective<'a, T> {
             Composition::Product => (a * b * c, [b * c, a * c, a * b]),
             Composition::Nats => {
                 let rest = (1.0 - b).max(LEAST);
-                (a - rest.ln(), [1.0, 1.0 / rest, 0.0])
+                let edge = EDGE[usize::from(self.level.scale < 0.5)];
+                (a - edge * rest.ln(), [1.0, edge / rest, 0.0])
             }
             Composition::Sum => (values.iter().flatten().sum(), [1.0; 3]),
         }
@@ -345,7 +350,7 @@ pub(crate) mod tests {
         let mut picture = GBuffer::default();
         let shape = mesh.shape();
         Renderer::new().render(&shape, &view.camera, &view.pose, &Options::default(), &mut picture);
-        samples.needles = Some(Needles::of(&mesh, &picture, &view.camera, &view, 500));
+        samples.needles = Some(Needles::of(&mesh, &picture, &level, &view, 500));
         samples.contour = Some(Contour::of(&picture, &view.camera, &view));
         let ellipse =
             |i: usize| ((i % 160) as f32 / 47.0 - 1.75).powi(2) + ((i / 160) as f32 / 36.0 - 1.6).powi(2) < 1.0;

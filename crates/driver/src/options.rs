@@ -71,7 +71,7 @@ names! {
     #[derive(Default)]
     MetricName {
         #[default]
-        /// Mutual information, and at the end `mi+gradient`.
+        /// Mutual information, and `mi+gradient` on all levels of the photo but the coarsest.
         InformationThenGradient = "mi-then-gradient",
         /// Mutual information.
         MutualInformation = "mi",
@@ -221,8 +221,8 @@ impl MetricName {
         Terms { density, composition }
     }
 
-    /// What is climbed at the end, where that is another metric.
-    pub(crate) fn last(self) -> Option<Self> {
+    /// What is climbed on all levels but the coarsest, where that is another metric.
+    pub(crate) fn finer(self) -> Option<Self> {
         (self == Self::InformationThenGradient).then_some(Self::InformationAndGradient)
     }
 

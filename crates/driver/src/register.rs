@@ -2,10 +2,10 @@
 //! the one that maximizes the metric.
 //!
 //! 1. A search over small renderings finds views that might lie in the right basin.
-//! 2. Each climbs on the coarsest level of the photo; the best, and that of the start, climb on the second.
+//! 2. Each climbs on the coarsest level of the photo; the best, and that of the start, climb on the second. From there on the
+//!    agreement of the model's edges with the photo's counts as well.
 //! 3. The best of these climbs through the finer levels to the full photo, and with it one elsewhere as long as that comes near.
 //!    Only on the last two levels are parts of the camera let go.
-//! 4. The end climbs once more on the finest two levels, by the metric and the agreement of the model's edges with the photo's.
 //!
 //! To climb is to render, to take samples, and to maximize the metric over them, until a new rendering changes nothing. Views are
 //! compared by the metric over the model and a band of background in a fixed proportion to it, less what chance explains: a
@@ -91,9 +91,6 @@ const FINALISTS: usize = 3;
 /// So many views go on from the second level, and to each finer one, as long as their excess over chance is this share of the best's.
 const RIVALS: usize = 2;
 const RIVALRY: f64 = 0.9;
-
-/// The levels on which an end climbs once more.
-const POLISHED: usize = 2;
 
 /// Views that differ by less than this many pixels of the coarsest level fall into the same basin.
 const APART: f64 = 2.0;
@@ -255,7 +252,7 @@ impl<'a> Registration<'a> {
         let start = self.limits(refine, &start.camera).held(&self.model.inward(start));
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let at_start = self.similarity(&mut sampler, &start).ok_or(Error::NothingVisible)?.value;
-        let of = 1 + self.levels.len().max(2) + self.polishings();
+        let of = 1 + self.levels.len().max(2);
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
 
         if surrounds(self.model.mesh, &start) {
@@ -303,9 +300,6 @@ impl<'a> Registration<'a> {
                 findings = self.findings(&finish, refine, &start, at_start);
             }
         }
-        // A wide search may have ended early.
-        course.of = course.stages.len() + self.polishings();
-        let finish = self.polished(&mut sampler, finish, &start, at_start, refine, &mut course)?;
         Ok((self.outcome(&finish, &start, &findings, course.stages), findings))
     }
 
@@ -373,8 +367,7 @@ impl<'a> Registration<'a> {
             let began = Instant::now();
             let mesh = if index == coarsest { &self.model.coarse } else { self.model.mesh };
             let run = |sampler: &mut Sampler, runner: Runner| {
-                let climb =
-                    self.climb(sampler, index, &runner.view, &field.start, field.refine, self.options.metric)?;
+                let climb = self.climb(sampler, index, &runner.view, &field.start, field.refine)?;
                 let evidence = if index < second { 0.0 } else { (field.evidence)(self, &climb.view) };
                 let coarse = if index == coarsest { climb.gain } else { runner.coarse };
                 Some((climb.excess + evidence, Runner { view: climb.view, coarse, stop: climb.stop, ..runner }, climb))
@@ -401,8 +394,10 @@ impl<'a> Registration<'a> {
                     runners.push(*runner);
                 }
             }
-            if let Some((.., climb)) = ends.iter().find(|(_, runner, _)| apart(&runner.view, &best.view)) {
-                rival = climb.excess / best.excess;
+            if ends.len() > 1 {
+                // Rivals that came to the same end are none.
+                let elsewhere = ends.iter().find(|(_, runner, _)| apart(&runner.view, &best.view));
+                rival = elsewhere.map_or(0.0, |(.., climb)| climb.excess / best.excess);
             }
             if field.has_climbed && index == second && runners.len() == 1 && !apart(&runners[0].view, &field.views[0]) {
                 return Ok(None);
@@ -413,54 +408,12 @@ impl<'a> Registration<'a> {
         Ok(Some(Finish { view, stop, similarity, coarse, rival }))
     }
 
-    /// What a climb is worth on a level. Needles cost more than all else, and a view that is polished moves little.
-    fn effort(&self, index: usize, metric: MetricName) -> Effort {
-        let coarseness = self.levels.len() - 1 - index;
-        let usual = EFFORTS[coarseness.min(EFFORTS.len() - 1)];
-        match index {
-            _ if metric == self.options.metric => usual,
-            0 => Effort { renderings: 2, ..usual },
-            _ => Effort { renderings: 2, ..EFFORTS[1] },
-        }
-    }
-
-    /// How many stages [`polished`](Self::polished) has.
-    fn polishings(&self) -> usize {
-        (0..POLISHED.min(self.levels.len())).filter(|&index| self.metric_last(index) != self.options.metric).count()
-    }
-
-    /// What is climbed last on a level.
-    pub(crate) fn metric_last(&self, index: usize) -> MetricName {
+    /// What is climbed on a level: edges count on all but the coarsest.
+    pub(crate) fn metric_at(&self, index: usize) -> MetricName {
+        let metric = self.options.metric;
         // A cloud's squares have edges of their own.
-        let has_edges = index < POLISHED && !self.model.mesh.is_cloud;
-        self.options.metric.last().filter(|_| has_edges).unwrap_or(self.options.metric)
-    }
-
-    /// An end that climbs once more, on the finest levels and by the metric that comes last. It stays where it was if it then explained
-    /// the photo no better than the start.
-    fn polished(
-        &self,
-        sampler: &mut Sampler,
-        finish: Finish,
-        start: &View,
-        at_start: f64,
-        refine: Refine,
-        course: &mut Course,
-    ) -> Result<Finish, Error> {
-        let (mut view, mut stop) = (finish.view, finish.stop);
-        for index in (0..POLISHED.min(self.levels.len())).rev() {
-            let metric = self.metric_last(index);
-            if metric == self.options.metric {
-                return Ok(finish);
-            }
-            let began = Instant::now();
-            let Some(climb) = self.climb(sampler, index, &view, start, refine, metric) else { return Ok(finish) };
-            (view, stop) = (climb.view, climb.stop);
-            let name = format!("edges 1/{}", 1 << index);
-            course.tell(stage(name, began, climb.evaluations, climb.renderings, climb.similarity), &view)?;
-        }
-        let similarity = self.similarity(sampler, &view).unwrap_or_default();
-        Ok(if similarity.value > at_start { Finish { view, stop, similarity, ..finish } } else { finish })
+        let has_edges = index + 1 < self.levels.len() && !self.model.mesh.is_cloud;
+        metric.finer().filter(|_| has_edges).unwrap_or(metric)
     }
 
     /// What might lie in the right basin around a rough view; `None` where the model is not in sight.
@@ -561,13 +514,10 @@ impl<'a> Registration<'a> {
     /// Climbs from a view through the levels from `top` down to the full photo: the last climb, with the evaluations and renderings
     /// of all; `None` where a view on the way shows nothing of the model.
     fn straight(&self, sampler: &mut Sampler, top: usize, start: &View, refine: Refine) -> Option<Climb> {
-        let climb = |sampler: &mut Sampler, index: usize, from: &View| {
-            self.climb(sampler, index, from, start, refine, self.options.metric)
-        };
-        let mut last = climb(sampler, top, start)?;
+        let mut last = self.climb(sampler, top, start, start, refine)?;
         for index in (0..top).rev() {
             let Climb { view, evaluations, renderings, .. } = last;
-            last = climb(sampler, index, &view)?;
+            last = self.climb(sampler, index, &view, start, refine)?;
             last.evaluations += evaluations;
             last.renderings += renderings;
         }
@@ -603,11 +553,10 @@ impl<'a> Registration<'a> {
         from: &View,
         start: &View,
         refine: Refine,
-        metric: MetricName,
     ) -> Option<Climb> {
         let level = &self.levels[index];
-        let effort = self.effort(index, metric);
-        let sampling = Sampling::with_halo(effort.samples, metric);
+        let effort = EFFORTS[(self.levels.len() - 1 - index).min(EFFORTS.len() - 1)];
+        let sampling = Sampling::with_halo(effort.samples, self.metric_at(index));
         let space = self.space(if index < 2 { refine } else { Refine::default() }, &start.camera);
         let solver = self.options.solver.solver(1, effort.iterations, effort.gain);
         let mut climb = Climb {

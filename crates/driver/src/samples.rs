@@ -137,7 +137,7 @@ impl<'a> Sampler<'a> {
         bins.resize(bins.len() + halo.len(), self.signal.bins() as u16);
         points.extend(halo);
         let metric = sampling.metric;
-        let needles = || Needles::of(self.mesh, &self.picture, &camera, view, sampling.surface);
+        let needles = || Needles::of(self.mesh, &self.picture, level, view, sampling.surface);
         Some(SurfaceSamples {
             points,
             bins,

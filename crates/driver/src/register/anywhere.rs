@@ -62,7 +62,7 @@ impl Registration<'_> {
         camera: &Camera,
         observer: &mut dyn FnMut(&Event) -> ControlFlow<()>,
     ) -> Result<Outcome, Error> {
-        let of = 1 + self.levels.len().max(2) + self.polishings();
+        let of = 1 + self.levels.len().max(2);
         let mut course = Course { registration: self, stages: Vec::new(), of, observer };
         let mut sampler = Sampler::new(self.model.mesh, &*self.model.signal);
         let began = Instant::now();
@@ -83,7 +83,6 @@ impl Registration<'_> {
         let refine = self.options.refine;
         let finish = self.race(&mut sampler, &field, &mut course)?.ok_or(Error::NothingVisible)?;
         let findings = self.findings(&finish, refine, &start, at_start);
-        let finish = self.polished(&mut sampler, finish, &start, at_start, refine, &mut course)?;
         Ok(self.assured(self.outcome(&finish, &start, &findings, course.stages), camera))
     }
 
@@ -140,7 +139,7 @@ impl Registration<'_> {
         let coarsest = self.levels.len() - 1;
         let own = || Sampler::new(&self.model.coarse, &*self.model.signal);
         let run = |sampler: &mut Sampler, view: &View| {
-            let climb = self.climb(sampler, coarsest, view, view, Refine::default(), self.options.metric)?;
+            let climb = self.climb(sampler, coarsest, view, view, Refine::default())?;
             Some((climb.excess + self.prominence(&climb.view, EDGES), climb.view))
         };
         let mut ends: Vec<(f64, View)> = views.par_iter().map_init(own, run).flatten().collect();
@@ -174,7 +173,7 @@ mod tests {
         let from = View { pose, ..right };
         let mut sampler = Sampler::new(&model.coarse, &*model.signal);
         let coarsest = registration.levels.len() - 1;
-        let climb = registration.climb(&mut sampler, coarsest, &from, &from, Refine::default(), options.metric);
+        let climb = registration.climb(&mut sampler, coarsest, &from, &from, Refine::default());
         let end = model.distance(&climb.unwrap().view, &right);
         let (views, _) = registration.climbed(&[from], 1);
         let nearest = views.iter().map(|view| model.distance(view, &right)).fold(f64::INFINITY, f64::min);
