@@ -90,7 +90,7 @@ export function outcome(photo, stages) {
   document.getElementById("curve").replaceChildren(...(stages?.length ? [curve(stages)] : []));
 }
 
-/** The metric, stage by stage: from its value before to its value after. The search and the last climbs, by edges, have measures of their own and are left out. */
+/** The metric, stage by stage: from its value before to its value after. The search has a measure of its own and is left out. */
 function curve(stages) {
   const climbs = stages.filter((stage) => stage.name.startsWith("climb"));
   const svg = (name, attributes, ...children) => {
