@@ -73,7 +73,7 @@ impl Needles {
             let steep = edge.normal.dot(&at).abs() < 0.3 * at.norm();
             let depth = if steep { depth } else { edge.normal.dot(&point) / edge.normal.dot(&other) };
             let ends = [point, other * depth].map(|p| mesh_from_camera.transform_point(&Point3::from(p)));
-            let ([gx, gy], _) = level.grid.bend::<f64>(x as f64 + edge.outward.x, y as f64 + edge.outward.y)?;
+            let [_, gx, gy] = level.sample::<f64>(x as f64 + edge.outward.x, y as f64 + edge.outward.y)?;
             let energy = gx * gx + gy * gy;
             (depth.is_finite() && depth > 0.0).then_some((ends, (edge.weight, f64::from(edge.weight) * energy)))
         };

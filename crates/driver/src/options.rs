@@ -91,7 +91,7 @@ names! {
         Gradient = "gradient",
         /// Mutual information times that agreement.
         InformationGradient = "mi-gradient",
-        /// Mutual information and the log-likelihood of that agreement, in nats.
+        /// Mutual information and several times the log-likelihood of that agreement, in nats.
         InformationAndGradient = "mi+gradient",
         /// Minus the conditional entropy of the photo's silhouette given the model's.
         Silhouette = "silhouette",
@@ -188,8 +188,8 @@ pub(crate) struct Terms {
 pub(crate) enum Composition {
     Sum,
     Product,
-    /// The sum of a metric in nats and of the log-likelihood −ln(1 − G) of edges that agree by G: misaligned ones as normal in two
-    /// numbers, the photo's gradient.
+    /// The sum of a metric in nats and of several times the log-likelihood −ln(1 − G) of edges that agree by G: misaligned ones as
+    /// normal in two numbers, the photo's gradient.
     Nats,
 }
 

@@ -1,4 +1,5 @@
-//! Registration with nothing to start from: a survey from everywhere, and a closer look around the best it finds.
+//! Registration with nothing to start from: a survey from everywhere, a closer look around the best it finds, and another around
+//! where the best of these climb to.
 
 use super::{APART, Course, FINALISTS, Field, Nearby, Registration, stage};
 use crate::model::Model;
@@ -31,12 +32,12 @@ const CLOSER: usize = 40;
 const BEST: usize = 12;
 const CLIMBING: usize = 40;
 
-/// How many of those that climbed are looked around as a rough view would be, and once more of those that climb from there.
-const AGAIN: [usize; 2] = [10, 4];
-
 /// How: orientations and sizes of the survey lie about so far apart.
 const AROUND: Search = Search { rounds: 5, views: 48, elite: 8, deviation: 0.12, seed: 0 };
 const LONGER: Search = Search { rounds: 10, views: 60, elite: 10, deviation: 0.1, seed: 0 };
+
+/// How many of those that climbed are looked around as a rough view would be, and once more of those that climb from there.
+const AGAIN: [usize; 2] = [10, 4];
 
 /// Registers one photo with nothing to start from but its camera.
 ///
