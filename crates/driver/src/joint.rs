@@ -2,7 +2,7 @@
 //!
 //! 1. Each photo is found alone, with its own lens.
 //! 2. The photos that were found climb together through the fine levels: [`RigObjective`] adds what pairs of photos tell of
-//!    each other, and a shared lens starts at the median of theirs.
+//!    each other, and a shared lens starts at the median of theirs. Where fewer than two were found, those in doubt come along.
 //! 3. Photos that were not found are looked for again with the shared lens, and join if they are found now. A photo that the
 //!    shared lens explains much worse than its own keeps its own, with the verdict saying so.
 //! 4. Together once more, at full size.
@@ -103,11 +103,16 @@ type Tell<'a> = dyn FnMut(&Stage, &View) -> Result<(), Error> + 'a;
 
 impl Joint<'_> {
     fn run(&mut self, tell: &mut Tell) -> Result<(), (usize, Error)> {
-        let is = |status: Status| move |found: &&Found| found.outcome.status == status;
-        let good = self.found.iter().filter(is(Status::Registered)).count();
-        let mut together: Vec<usize> = (0..self.found.len())
-            .filter(|&i| self.found[i].outcome.status == Status::Registered || good == 0)
-            .collect();
+        let up_to = |worst: Status| -> Vec<usize> {
+            (0..self.found.len()).filter(|&i| self.found[i].outcome.status <= worst).collect()
+        };
+        // One alone has nothing to go with: the doubtful come along.
+        let mut together = up_to(Status::Registered);
+        for (worst, fewer_than) in [(Status::Uncertain, 2), (Status::Failed, 1)] {
+            if together.len() < fewer_than {
+                together = up_to(worst);
+            }
+        }
         if self.shared() {
             let lens = median(together.iter().map(|&i| self.found[i].view.camera));
             (0..self.found.len())

@@ -4,8 +4,8 @@ use crate::Uncertainty;
 use texreg_camera::View;
 use texreg_optim::Stop;
 
-/// The verdict on a registration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The verdict on a registration, the best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Status {
     /// The view explains the photo.
     Registered,

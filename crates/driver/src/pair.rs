@@ -170,8 +170,8 @@ impl DepthMap {
 /// Surface whose depth grows by more than this many pixels from one pixel to the next is seen too much from the side.
 const STEEP: f64 = 4.0;
 
-/// The pairs of photos that see much of the same surface, both directions of each, weighted by half the share of the first
-/// photo's surface that the second sees, over the number of the first's neighbours: for each of them moves it twice, from both ends.
+/// The pairs of photos that see much of the same surface, both directions of each, weighted by the share of the first photo's
+/// surface that the second sees, over the number of the first's neighbours.
 pub(crate) fn overlaps(sights: &[Sight], background: u16) -> Vec<Overlap> {
     let surface = |sight: &Sight| sight.samples.bins.iter().filter(|&&bin| bin != background).count();
     let pairs = sights.par_iter().enumerate().map(|(p, sight)| {
@@ -194,7 +194,7 @@ pub(crate) fn overlaps(sights: &[Sight], background: u16) -> Vec<Overlap> {
         let count = neighbours.len() as f64;
         let overlap = |(_, q): (f64, usize)| {
             let (share, points) = seen(&sights[q], POINTS);
-            Overlap { photos: [p, q], points, weight: 0.5 * share / count }
+            Overlap { photos: [p, q], points, weight: share / count }
         };
         neighbours.into_iter().map(overlap).collect::<Vec<_>>()
     });
