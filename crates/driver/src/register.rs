@@ -121,7 +121,7 @@ pub(crate) const EFFORTS: [Effort; 3] = [
 /// The search that follows where the first one's end is in doubt or farther from the start than this many of its standard
 /// deviations.
 const WIDER: Search = Search { rounds: 6, views: 200, elite: 25, deviation: 0.25, seed: 0 };
-const FAR: f64 = 1.5;
+const FAR: f64 = 1.75;
 
 /// Tells of each stage and keeps it.
 struct Course<'a, 'b> {

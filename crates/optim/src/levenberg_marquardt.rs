@@ -1,13 +1,16 @@
 //! Levenberg–Marquardt: D. Marquardt, *An algorithm for least-squares estimation of nonlinear parameters*, SIAM J. 11(2),
 //! 1963, with the damping schedule of H. B. Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05.
 //!
-//! The step solves `(H + λ diag H) s = g` for the gradient `g` and the curvature `H`, so that it does not depend on the
-//! units of the parameters. It is the best such step within the manifold's region. A step is taken if the objective grows; `λ` follows the ratio of the growth to what the
-//! quadratic model promised.
+//! The step solves `σ (H + λ diag H) s = g` for the gradient `g` and the curvature `H`, so that it does not depend on the
+//! units of the parameters. It is the best such step within the manifold's region. A step is taken if the objective grows; `λ`
+//! follows the ratio of the growth to what the quadratic model promised.
+//!
+//! The scale `σ` makes the curvature along the step before what that step measured, as in S. S. Oren and D. G. Luenberger,
+//! *Self-scaling variable metric (SSVM) algorithms*, Management Science 20(5), 1974: an empirical Fisher matrix is as much too
+//! large as samples contradict each other. For least squares near their minimum it stays 1.
 
 use crate::solver::Trials;
 use crate::{Curvature, Derivatives, Iteration, Manifold, Objective, Report, Solver, Stop};
-use nalgebra::DVector;
 
 /// The Levenberg–Marquardt method for an objective with a positive semidefinite curvature.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +33,9 @@ impl Default for LevenbergMarquardt {
 const MAX_DAMPING: f64 = 1e12;
 const MIN_DAMPING: f64 = 1e-9;
 
+/// One step changes the curvature's scale by this factor at most.
+const RESCALING: f64 = 4.0;
+
 impl<Point> Solver<Point> for LevenbergMarquardt {
     fn maximize(
         &self,
@@ -48,6 +54,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
         }
         let mut damping = self.damping;
         let mut growth = 2.0;
+        let mut scale = 1.0;
         let mut region = manifold.region(&point);
         let stop = loop {
             if trials.taken.len() == self.iterations {
@@ -56,16 +63,24 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
             if damping > MAX_DAMPING {
                 break Stop::Stalled;
             }
-            let Some(step) = derivatives.curvature.damped_step_within(&derivatives.gradient, damping, &region) else {
+            let Derivatives { gradient, curvature } = &derivatives;
+            let Some(step) = curvature.damped_step_within(&(gradient / scale), damping, &region) else {
                 damping *= growth;
                 growth *= 2.0;
                 continue;
             };
-            let promise = promised_gain(&derivatives, &step);
+            let (slope, bend) = (gradient.dot(&step), 0.5 * curvature.along(&step));
+            let promise = slope - scale * bend;
             if promise < self.gain_tolerance {
                 break Stop::Converged;
             }
-            let better = trials.take(&point, &step, damping, value).filter(|(trial_value, _)| *trial_value > value);
+            let trial = trials.take(&point, &step, damping, value);
+            if let Some((trial_value, _)) = trial {
+                // A value that is no number counts as a step too far.
+                let measured = (slope - (trial_value - value)) / bend;
+                scale = measured.min(RESCALING * scale).max(scale / RESCALING);
+            }
+            let better = trial.filter(|(trial_value, _)| *trial_value > value);
             if let Some((trial_value, trial)) = better {
                 let ratio = (trial_value - value) / promise;
                 damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0);
@@ -85,9 +100,4 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
         };
         Some(trials.report(start, (value, point), stop))
     }
-}
-
-/// What the quadratic model `gᵀs − ½ sᵀHs` promises.
-fn promised_gain(derivatives: &Derivatives, step: &DVector<f64>) -> f64 {
-    derivatives.gradient.dot(step) - 0.5 * derivatives.curvature.along(step)
 }
