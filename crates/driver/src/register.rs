@@ -86,7 +86,7 @@ const COLOURS: usize = 24;
 
 /// Views that climb on the coarsest level, and of these on the second.
 const HYPOTHESES: usize = 10;
-const FINALISTS: usize = 3;
+const FINALISTS: usize = 5;
 
 /// So many views go on from the second level, and to each finer one, as long as their excess over chance is this share of the best's.
 const RIVALS: usize = 2;
