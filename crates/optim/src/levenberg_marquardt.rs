@@ -33,8 +33,10 @@ impl Default for LevenbergMarquardt {
 const MAX_DAMPING: f64 = 1e12;
 const MIN_DAMPING: f64 = 1e-9;
 
-/// One step changes the curvature's scale by this factor at most.
+/// One step changes the curvature's scale by this factor at most, and never to less than this: where the objective has no bend, it
+/// says nothing of how far.
 const RESCALING: f64 = 4.0;
+const LEAST_SCALE: f64 = 0.03;
 
 impl<Point> Solver<Point> for LevenbergMarquardt {
     fn maximize(
@@ -78,7 +80,7 @@ impl<Point> Solver<Point> for LevenbergMarquardt {
             if let Some((trial_value, _)) = trial {
                 // A value that is no number counts as a step too far.
                 let measured = (slope - (trial_value - value)) / bend;
-                scale = measured.min(RESCALING * scale).max(scale / RESCALING);
+                scale = measured.min(RESCALING * scale).max(scale / RESCALING).max(LEAST_SCALE);
             }
             let better = trial.filter(|(trial_value, _)| *trial_value > value);
             if let Some((trial_value, trial)) = better {

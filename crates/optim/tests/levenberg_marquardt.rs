@@ -76,6 +76,32 @@ fn does_not_depend_on_units() {
     assert!((other.point - dvector![1e4, 1.0]).norm() < 1e-2);
 }
 
+/// A curvature of another scale than the function's own.
+struct Misjudged<O>(O, f64);
+
+impl<O: Objective<DVector<f64>>> Objective<DVector<f64>> for Misjudged<O> {
+    fn value(&mut self, at: &DVector<f64>) -> Option<f64> {
+        self.0.value(at)
+    }
+
+    fn derivatives(&mut self, at: &DVector<f64>) -> Derivatives {
+        let Derivatives { gradient, curvature } = self.0.derivatives(at);
+        Derivatives { gradient, curvature: Curvature::Dense(self.1 * curvature.to_dense().unwrap()) }
+    }
+}
+
+#[test]
+fn a_curvature_of_the_wrong_scale_costs_few_steps() {
+    let line = |x: &DVector<f64>| (dvector![x[0] - 3.0, 2.0 * (x[1] + 1.0)], nalgebra::dmatrix![1.0, 0.0; 0.0, 2.0]);
+    for (scale, most) in [(1.0, 4), (0.01, 10), (20.0, 10)] {
+        let mut objective = Misjudged(LeastSquares(line), scale);
+        let solver = LevenbergMarquardt::default();
+        let report = solver.maximize(&Euclidean(2), &mut objective, dvector![0.0, 0.0], &mut |_| ()).unwrap();
+        assert!((&report.point - dvector![3.0, -1.0]).norm() < 1e-6, "{scale}: {}", report.point);
+        assert!(report.iterations.len() <= most, "{scale}: {} steps", report.iterations.len());
+    }
+}
+
 #[test]
 fn values_only_rise_and_every_trial_is_reported() {
     let mut seen: Vec<Iteration> = Vec::new();
