@@ -103,16 +103,8 @@ type Tell<'a> = dyn FnMut(&Stage, &View) -> Result<(), Error> + 'a;
 
 impl Joint<'_> {
     fn run(&mut self, tell: &mut Tell) -> Result<(), (usize, Error)> {
-        let up_to = |worst: Status| -> Vec<usize> {
-            (0..self.found.len()).filter(|&i| self.found[i].outcome.status <= worst).collect()
-        };
-        // One alone has nothing to go with: the doubtful come along.
-        let mut together = up_to(Status::Registered);
-        for (worst, fewer_than) in [(Status::Uncertain, 2), (Status::Failed, 1)] {
-            if together.len() < fewer_than {
-                together = up_to(worst);
-            }
-        }
+        let statuses: Vec<Status> = self.found.iter().map(|found| found.outcome.status).collect();
+        let mut together = company(&statuses);
         if self.shared() {
             let lens = median(together.iter().map(|&i| self.found[i].view.camera));
             (0..self.found.len())
@@ -380,6 +372,19 @@ impl Joint<'_> {
     }
 }
 
+/// The photos that climb together first: those that were found. One alone has nothing to go with: then the doubtful come along, and
+/// the lost where there are no others.
+fn company(statuses: &[Status]) -> Vec<usize> {
+    let up_to = |worst| (0..statuses.len()).filter(|&i| statuses[i] <= worst).collect::<Vec<_>>();
+    let mut company = up_to(Status::Registered);
+    for (worst, fewer_than) in [(Status::Uncertain, 2), (Status::Failed, 1)] {
+        if company.len() < fewer_than {
+            company = up_to(worst);
+        }
+    }
+    company
+}
+
 /// A view with another lens: the distance follows the focal length, so that the model stays as large in the photo.
 fn with_lens(view: &View, lens: Camera) -> View {
     let mut pose = view.pose;
@@ -408,4 +413,25 @@ fn median(cameras: impl Iterator<Item = Camera>) -> Camera {
     k.skew = of(&|camera| camera.intrinsics.skew);
     camera.distortion = std::array::from_fn(|i| of(&|camera| camera.distortion.to_array()[i])).into();
     camera
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Status::{Failed, Registered, Uncertain};
+
+    #[test]
+    fn a_photo_that_was_found_alone_takes_the_doubtful_along() {
+        let cases: [(&[Status], &[usize]); 6] = [
+            (&[Uncertain, Registered, Failed, Registered], &[1, 3]),
+            (&[Uncertain, Registered, Failed, Uncertain], &[0, 1, 3]),
+            (&[Failed, Registered], &[1]),
+            (&[Uncertain, Failed], &[0]),
+            (&[Failed, Failed], &[0, 1]),
+            (&[], &[]),
+        ];
+        for (statuses, expected) in cases {
+            assert_eq!(company(statuses), expected, "{statuses:?}");
+        }
+    }
 }

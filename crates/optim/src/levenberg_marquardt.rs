@@ -33,9 +33,10 @@ impl Default for LevenbergMarquardt {
 const MAX_DAMPING: f64 = 1e12;
 const MIN_DAMPING: f64 = 1e-9;
 
-/// One step changes the curvature's scale by this factor at most, and never to less than this: where the objective has no bend, it
-/// says nothing of how far.
+/// One step changes the curvature's scale by this factor at most.
 const RESCALING: f64 = 4.0;
+
+/// The least scale: an objective without a bend says nothing of how far to go.
 const LEAST_SCALE: f64 = 0.03;
 
 impl<Point> Solver<Point> for LevenbergMarquardt {
